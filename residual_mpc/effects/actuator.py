@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from residual_mpc.effects.effect import Effect, Parameter, Values, no_memory
+from residual_mpc.effects.gear import DAMPING_BEHIND
 from residual_mpc.effects.ops import Array, Ops, clip
 from residual_mpc.effects.phrase import Noun, Phrase
 from residual_mpc.effects.recursion import first_order
@@ -205,18 +206,7 @@ BACKLASH = Effect(
         Parameter(
             "gap", "rad", 0.0, 0.0, 2.0, (0.03, 0.08, 0.2, 0.5), "play", True, tolerance=0.02, quantity="gear play"
         ),
-        Parameter(
-            "damping_behind",
-            "1",
-            0.0,
-            0.0,
-            3.0,
-            (0.5,),
-            shape=True,
-            quantity="damping behind the gear",
-            optional=True,
-            tried=1.0,
-        ),
+        DAMPING_BEHIND,
     ),
     summary="play between motor and link",
     start=backlash_start,
@@ -264,7 +254,9 @@ RATE_LIMIT = Effect(
     stage="actuator",
     port="command",
     target="actuator",
-    parameters=(Parameter("rate", "command unit/s", math.inf, 0.0, math.inf, (4.0, 1.0), "command/time", True),),
+    parameters=(
+        Parameter("rate", "command unit/s", math.inf, 0.0, math.inf, (4.0, 1.0, 0.3, 0.1), "command/time", True),
+    ),
     summary="the setpoint is let through no faster than this",
     start=rate_start,
     step=rate_step,

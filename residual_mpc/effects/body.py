@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 
 from residual_mpc.effects.effect import Effect, Parameter, Quantity, Values
+from residual_mpc.effects.gear import DAMPING_BEHIND
 from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.effects.phrase import Noun, Phrase
 
@@ -225,11 +226,18 @@ JOINT_COMPLIANCE = Effect(
         ),
         # of the swing of motor and link against each other; steel and grease have 0.02 to 0.1, rubber 0.3
         Parameter("damping_ratio", "1", 0.05, 0.0, 1.0, (0.05, 0.05), shape=True, quantity="gear damping"),
+        DAMPING_BEHIND,
     ),
     summary="a spring between motor and link",
     site="spring",
     unseen="the torque that the gear carries hardly varies",
-    phrase=Phrase("{who} is elastic, with a stiffness of {stiffness}", "every gear", "the gear of {}"),
+    phrase=Phrase(
+        "{who} is elastic, with a stiffness of {stiffness}",
+        "every gear",
+        "the gear of {}",
+        located=", and {where}",
+        optional={"damping_behind": "{value} times its modelled damping sits on the link"},
+    ),
     nouns={"stiffness": Noun("stiffness", appears="elasticity", article="", size="stiffness", inside="in")},
     not_in_mjcf="it needs an additional joint behind the motor, which only the built-in simulator has",
 )

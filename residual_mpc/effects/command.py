@@ -64,6 +64,26 @@ def rounded_dead_zone(ops: Ops, p: Values, u: Array, eps: float) -> Array:
     return u / (1.0 + ops.exp(away))
 
 
+def breakaway_step(ops: Ops, p: Values, memory: Any, u: Array, dt: float) -> tuple[Array, Any]:
+    """sgn(u) max(|u| - loss, 0), what a motor makes of a voltage that has to overcome dry friction; u is a command, or
+    a position servo's position error."""
+    return u - ops.sign(u) * ops.minimum(p["loss"], ops.absolute(u)), memory
+
+
+def breakaway_sequence(p: Values, u: np.ndarray, dt: float) -> np.ndarray:
+    """breakaway_step over a whole sequence: p (B, nu), u (B, K, nu)."""
+    return np.asarray(breakaway_step(NUMPY, {"loss": p["loss"][:, None, :]}, (), u, dt)[0])
+
+
+def rounded_breakaway(ops: Ops, p: Values, u: Array, eps: float) -> Array:
+    """breakaway_step with edges eps wide: max(x, 0) is (x + sqrt(x^2 + eps^2)) / 2."""
+
+    def beyond(x: Array) -> Array:
+        return 0.5 * (x + (x * x + eps * eps) ** 0.5)
+
+    return beyond(u - p["loss"]) - beyond(-u - p["loss"])
+
+
 POSITION_ERRORS = "{who} ignores position errors smaller than {width}"
 
 COMMAND_DELAY = Effect(
@@ -124,4 +144,31 @@ DEAD_ZONE = Effect(
     not_in_mjcf="MuJoCo has no actuator with a dead zone",
 )
 
-EFFECTS = (COMMAND_DELAY, DEAD_ZONE)
+BREAKAWAY_LOSS = Effect(
+    name="breakaway_loss",
+    stage="command",
+    port="command",
+    target="actuator",
+    parameters=(
+        Parameter(
+            "loss", "command unit", 0.0, 0.0, math.inf, (0.05, 0.15, 0.4), "command", True, tolerance=0.03, most=0.9
+        ),
+    ),
+    summary="every command loses what it takes to break away, and smaller ones do nothing",
+    start=no_memory,
+    step=breakaway_step,
+    rank=21,
+    on_error=True,
+    sequence=breakaway_sequence,
+    rounded=rounded_breakaway,
+    stalls=("loss",),
+    unseen="the commands hardly vary",
+    phrase=Phrase(
+        "{who} loses {loss} of every command and ignores smaller ones",
+        by_unit=dict.fromkeys(("rad", "m"), "{who} loses {loss} of every position error and ignores smaller ones"),
+    ),
+    nouns={"loss": Noun("breakaway loss", article="", inside="in")},
+    not_in_mjcf="MuJoCo has no actuator that loses a part of its command",
+)
+
+EFFECTS = (COMMAND_DELAY, DEAD_ZONE, BREAKAWAY_LOSS)

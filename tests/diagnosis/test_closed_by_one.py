@@ -15,8 +15,7 @@ from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import fit_all
-from residual_mpc.diagnosis.phases import search
-from residual_mpc.diagnosis.phases.search import _closed_by_one, _made_by_step
+from residual_mpc.diagnosis.phases.search import _closed_by_one
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.settings import ResultSettings
@@ -92,17 +91,6 @@ def test_what_the_time_step_makes_is_not_looked_at(monkeypatch: pytest.MonkeyPat
     left = float(found.ruler.squared([found.fit])[0]) - found.ruler.floor
     monkeypatch.setattr(Ruler, "step_error", lambda *_: 1.01 * left)
     assert _closed_by_one(found, rivalry.fit, (), SETTINGS) is None
-
-
-@pytest.mark.parametrize(("error", "expected"), [(0.005, True), (0.003, False), (None, False)])
-def test_a_rest_over_longer_windows_may_be_the_time_step_s(
-    error: float | None, expected: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    found, _ = answer({"track_width": {"scale": 1.1}})
-    monkeypatch.setattr(search, "step_error", lambda *_: error)
-    gap: Any = SimpleNamespace(total=0.005)
-    floor: Any = SimpleNamespace(total=0.003)
-    assert _made_by_step(found.problem.data, found.ruler.scales, gap, floor, found) is expected
 
 
 def test_what_it_makes_redundant_is_dropped() -> None:

@@ -27,6 +27,7 @@ from residual_mpc.diagnosis.search.rivals import Rivalry, _shares, _without_need
 from residual_mpc.diagnosis.search.screen import ScreenedTerm
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stepwise import Found
+from residual_mpc.diagnosis.search.visible_gaps import told_over, with_gaps_seen
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob, Term, Values
 
@@ -234,6 +235,37 @@ def test_the_rival_that_holds_on_other_windows_is_taken() -> None:
     assert holds_elsewhere(alone, (), replays, ruler, settings=settings) is None
     unseen = replace(ruler, floor=1.0)  # what is left is within the noise
     assert holds_elsewhere(alone, met, replays, unseen, settings=settings) is None
+
+
+@pytest.mark.parametrize(
+    ("own", "other", "step", "told"),
+    [(0.011, 0.03, 0.0, True), (0.011, 0.012, 0.0, False), (0.011, 0.03, 1.0, True), (0.03, 0.045, 1.0, False)],
+)
+def test_other_horizons_tell_rivals_apart(own: float, other: float, step: float, told: bool) -> None:
+    """A rival has to leave a visibly larger gap there, and larger by more than the error of the model's step: of which
+    there is no more than the fit leaves. own, other: squared gaps, at a squared floor of 0.01."""
+    lag, delay = Knob("actuator_lag", None, "time_constant"), Knob("command_delay", None, "delay")
+    found = found_of({"actuator_lag": {"time_constant": 0.08}}, {lag: 0.08}, ("actuator_lag", "command_delay"))
+    (fit,) = fit_all(found.problem, [{delay: 0.08}])
+    rival = Rival((lag.term,), (delay.term,), fit, 1.0, True)
+    over: Any = SimpleNamespace(squared=lambda _: [other, own], floor=0.01, step_error=lambda _: step)
+    (found_rival,) = told_over(found, found.fit, [rival], [over], settings=SearchSettings())
+    assert found_rival.alike is not told and (found_rival.ratio >= 10.0) is told
+    assert told_over(found, found.fit, [rival], [], settings=SearchSettings()) == [rival]
+
+
+@pytest.mark.parametrize(("gap", "alike", "ratio"), [(0.011, False, -9.0), (0.02, True, 0.0), (0.05, False, 10.0)])
+def test_a_larger_gap_that_the_time_step_may_make_takes_no_place(
+    gap: float, alike: bool, ratio: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Squared gaps beside one of 0.01 at a floor of 0.01, with 0.02 from the time step."""
+    lag, delay = Knob("actuator_lag", None, "time_constant"), Knob("command_delay", None, "delay")
+    found = found_of({"actuator_lag": {"time_constant": 0.08}}, {lag: 0.08}, ("actuator_lag", "command_delay"))
+    (fit,) = fit_all(found.problem, [{delay: 0.08}])
+    rival = Rival((lag.term,), (delay.term,), fit, -9.0, False)
+    ruler: Any = SimpleNamespace(squared=lambda _: [gap, 0.01], floor=0.01, step_error=lambda _: 0.02)
+    (seen,) = with_gaps_seen(replace(found, ruler=ruler), found.fit, [rival], settings=SearchSettings())
+    assert (seen.alike, seen.ratio) == (alike, ratio)
 
 
 def test_the_first_member_of_every_group_stands_in_the_explanation() -> None:

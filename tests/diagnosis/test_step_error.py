@@ -20,6 +20,7 @@ from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.predict import step_error as step_error_module
 from residual_mpc.diagnosis.predict.noise_floor import floor_from
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.space import build_space
@@ -181,3 +182,27 @@ def test_a_small_part_of_the_step_s_error_may_be_left(missed: float, expected: b
     assert seen.less(1.0, step).beyond_noise(settings) == (missed > 0.0)
     assert _explained(seen, 1.0, step, settings) is expected
     assert _explained(seen, 1.0, None, settings) is False
+
+
+@pytest.mark.parametrize(
+    ("of_step", "other", "expected"),
+    [(0.8, 0.002, True), (0.3, 0.002, True), (0.0, 0.01, False), (1.0, 0.02, False), (None, 0.01, False)],
+)
+def test_what_is_left_has_to_look_like_the_step_s_error(
+    of_step: float | None, other: float, expected: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A rest as large as the error of the time step is made by it only where a share of that error takes it out."""
+    data = build_dataset(
+        [rover_run("r", {}, 16.0, seed=0)], [DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)], {}, 1.0,
+        settings=DataSettings(),
+    )  # fmt: skip
+    scales, rng = measure_scales(data), np.random.default_rng(0)
+    step, rest = (size * scales.motion * rng.standard_normal(data.y.shape) for size in (0.01, other))
+    left = rest + (0.0 if of_step is None else of_step) * step
+    monkeypatch.setattr(step_error_module, "predict", lambda few, row: [few.y - left[: few.count]])
+    monkeypatch.setattr(
+        step_error_module, "finer_prediction", lambda few, *_: None if of_step is None else step[: few.count]
+    )
+    monkeypatch.setattr(step_error_module, "MADE_WINDOWS", data.count)
+    found = step_error_module.made_by_step(data, scales, Settings(1), 1e-6, DataSettings())
+    assert found is expected

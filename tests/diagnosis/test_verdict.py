@@ -150,3 +150,12 @@ def test_it_leaves_doubt_on_every_cause() -> None:
     whole, half, none = (most_sure("partial", 0.0, 2.8, share, settings=settings) for share in (0.6, 0.3, 0.05))
     assert whole > 0.75 and half == pytest.approx(0.6 * whole)
     assert none == pytest.approx(settings.causes.least_sure * whole) and none < 0.5
+
+
+def test_the_median_window_tells_what_a_few_windows_hide() -> None:
+    """A few windows in which errors of the start grow make both the gap and the floor large."""
+    look = at(1.0, 0.03, 0.03)
+    assert look.times_floor == pytest.approx(1.0)
+    sensitive = replace(look.floor, typical=0.003)
+    usual = replace(look, quantiles={"after": {"p50": 0.012}}, floor=sensitive)
+    assert usual.times_floor == pytest.approx(4.0)

@@ -28,7 +28,7 @@ from residual_mpc.effects.body import (
     stribeck_level,
     viscous_torque,
 )
-from residual_mpc.effects.command import dead_zone_step, delay_start, delay_step
+from residual_mpc.effects.command import breakaway_step, dead_zone_step, delay_start, delay_step
 from residual_mpc.effects.contact import radius_over_turn, slope_drift
 from residual_mpc.effects.drive import shared_limit_step, turn_gain_step, turn_limit_step
 from residual_mpc.effects.ground import ground_twist
@@ -116,6 +116,7 @@ EQUATIONS: dict[str, tuple[Equation, list[tuple[float, float]], int]] = {
     "actuator_lag": (lagged, [(0.0, 0.4)], STEPS),
     "backlash": (with_play, [(0.0, 0.5)], STEPS),
     "dead_zone": (_one(lambda o, p, u: dead_zone_step(o, p, (), u, DT)[0], "width"), [(0.0, 3.0)], 1),
+    "breakaway_loss": (_one(lambda o, p, u: breakaway_step(o, p, (), u, DT)[0], "loss"), [(0.0, 3.0)], 1),
     "actuator_gain": (_one(lambda o, p, y: gain_step(o, p, (), y, 0.0, DT)[0], "gain"), [(0.1, 2.0)], 1),
     "saturation": (_one(lambda o, p, y: saturation_step(o, p, (), y, 0.0, DT)[0], "limit"), [(0.1, 3.0)], 1),
     "voltage_sag": (_one(lambda o, p, y: sag_step(o, p, (), y, 9.0, DT)[0], "rate"), [(0.0, 0.2)], 1),

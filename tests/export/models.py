@@ -21,6 +21,7 @@ EFFECTS: dict[str, dict[Knob, float]] = {
     "command_delay": {Knob("command_delay", None, "delay"): 0.08},
     "one_sided_delay": {Knob("command_delay", "left", "delay"): 0.13},
     "dead_zone": {Knob("dead_zone", None, "width"): 2.0},
+    "breakaway_loss": {Knob("breakaway_loss", None, "loss"): 0.8},
     "actuator_lag": {Knob("actuator_lag", None, "time_constant"): 0.1},
     "actuator_gain": {Knob("actuator_gain", "right", "gain"): 0.9},
     "saturation": {Knob("saturation", "left", "limit"): 6.0},

@@ -43,6 +43,8 @@ def simulate(
         u = list(command(t - value.get("command_delay.delay", 0.0)))
         width = value.get("dead_zone.width", 0.0)
         u = [0.0 if abs(v) < width else v for v in u]
+        loss = value.get("breakaway_loss.loss", 0.0)
+        u = [v - min(max(v, -loss), loss) for v in u]
         most = fine * value.get("rate_limit.rate", math.inf)
         ramp = u = [r + min(max(v - r, -most), most) for r, v in zip(ramp, u, strict=True)]
         u = [v * value.get("actuator_gain.gain", 1.0) * (1.0 - value.get("voltage_sag.rate", 0.0) * t) for v in u]

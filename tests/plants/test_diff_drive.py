@@ -22,6 +22,7 @@ FAULTS: dict[str, dict[str, float]] = {
     "command_delay": {"delay": 0.083},
     "dead_zone": {"width": 4.0},
     "rate_limit": {"rate": 20.0},
+    "breakaway_loss": {"loss": 1.5},
     "actuator_lag": {"time_constant": 0.12},
     "actuator_gain": {"gain": 0.8},
     "saturation": {"limit": 7.0},

@@ -102,6 +102,16 @@ def test_damping_may_act_behind_the_play(tmp_path: Path) -> None:
     assert np.sqrt(np.mean((on_the_motor - truth) ** 2)) > 2.0 * np.sqrt(np.mean((came - truth) ** 2))
 
 
+def test_damping_may_act_behind_the_spring(tmp_path: Path) -> None:
+    """A link that its own bearing slows winds up the spring."""
+    gear = replace(spring(), friction=0.4, behind=1.0)
+    stiffness: Hypothesis = {("joint_compliance", None, "stiffness"): K}
+    truth, came, _ = swing(gear, tmp_path, {**stiffness, ("joint_compliance", None, "damping_behind"): 1.0})
+    _, on_the_motor, _ = swing(gear, tmp_path, stiffness)
+    error, other = (np.sqrt(np.mean((x - truth) ** 2)) for x in (came, on_the_motor))
+    assert error < 0.003 and other > 2.0 * error
+
+
 def test_a_spring_behind_play(tmp_path: Path) -> None:
     gear = replace(spring(), play=0.08)
     both: Hypothesis = {("joint_compliance", None, "stiffness"): K, ("backlash", None, "gap"): 0.08}

@@ -151,7 +151,7 @@ def steadiness(term: Term, varying: Mapping[Term, Variation], settings: ResultSe
 
 def _times_floor(found: ExplanationGaps) -> float:
     """How many times the noise floor is left, at the horizon where that is most."""
-    return max(look.steady.total / max(look.floor.total, 1e-12) for look in deciding(found.looks))
+    return max(look.times_floor for look in deciding(found.looks))
 
 
 def _left(

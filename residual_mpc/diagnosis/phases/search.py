@@ -7,27 +7,26 @@ import numpy as np
 
 from residual_mpc.checkpoint import at_once
 from residual_mpc.diagnosis.data.dataset import Dataset, joined
-from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of
-from residual_mpc.diagnosis.data.subsampling import evenly, thin, thin_whole
+from residual_mpc.diagnosis.data.gap import Scales
+from residual_mpc.diagnosis.data.subsampling import thin, thin_whole
 from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
 from residual_mpc.diagnosis.fit.marginalisation import carrying
-from residual_mpc.diagnosis.fit.noise_fit import with_noise
 from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.laws.ripples import RippleFinder
-from residual_mpc.diagnosis.options import Options, Progress
+from residual_mpc.diagnosis.options import Progress
 from residual_mpc.diagnosis.phases.early_answers import Told, improving, unheard
+from residual_mpc.diagnosis.phases.horizons import everywhere, other_horizons, seen_over, worth_searching
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.predict.longer_steps import quickened
-from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond, floor_of, well_begun
+from residual_mpc.diagnosis.predict.noise_floor import well_begun
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import build_problem, reweigh, times_longer, tolerating
-from residual_mpc.diagnosis.predict.replay import predict
-from residual_mpc.diagnosis.predict.step_error import step_error
+from residual_mpc.diagnosis.predict.step_error import made_by_step
 from residual_mpc.diagnosis.remainder.resemblance import closest
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.settings import ResultSettings
-from residual_mpc.diagnosis.search.acceptance import STEP_WINDOWS, build_ruler, convincing, judge
+from residual_mpc.diagnosis.search.acceptance import build_ruler, convincing, judge
 from residual_mpc.diagnosis.search.off_bounds import off_bounds
 from residual_mpc.diagnosis.search.optional_numbers import makeup
 from residual_mpc.diagnosis.search.other_starts import begun_with, better_everywhere, other_start
@@ -67,9 +66,11 @@ def search_effects(
         if look.free is None:
             continue
         data, scales = look.free
-        data, gap, floor = _seen_over(data, scales, found, prepared, rng)
+        row = prepared.space.settings([found.fit.values])
+        data, gap, floor = seen_over(data, scales, found, prepared, rng)
         more = None
-        if _worth_searching(data, gap, floor, options) and not _made_by_step(data, scales, gap, floor, found):
+        worth = worth_searching(data, gap, floor, options)
+        if worth and not made_by_step(data, scales, row, floor.total**2, settings.data):
             behind = 0.56
             progress(f"searching over windows of {data.horizon:g} s", 0.36)
             more = _on(prepared, data, scales, found, rng, lambda text, done: None, improving(told))
@@ -121,7 +122,7 @@ def _closed_everywhere(searched: Searched, last: FittedExplanation, rng: np.rand
     prepared, options = searched.prepared, searched.prepared.options
     settings = options.settings
     times, sigma = times_longer(searched.found.problem), 1.0 / last.problem.weight
-    problem = build_problem(_everywhere(prepared), prepared.space, sigma, times=times, settings=settings.predict)
+    problem = build_problem(everywhere(prepared), prepared.space, sigma, times=times, settings=settings.predict)
     ruler = build_ruler(problem.replays, prepared.scales, last.base, rng, settings.data)
     if ruler.squared([last.final])[0] <= settings.predict.floor.margin**2 * ruler.floor:
         return None
@@ -163,7 +164,7 @@ def search_headline(prepared: Prepared, rng: np.random.Generator, progress: Prog
         return found
     begun, anew, search = rng.spawn(1)[0], _renamed(progress), prepared.options.settings.search
     other = _on(prepared, *prepared.headline, None, begun, anew, accepted, first)
-    return found if other is None else better_everywhere(_everywhere(prepared), prepared.scales, found, other, search)
+    return found if other is None else better_everywhere(everywhere(prepared), prepared.scales, found, other, search)
 
 
 def _renamed(progress: Progress) -> Progress:
@@ -171,47 +172,17 @@ def _renamed(progress: Progress) -> Progress:
     return lambda text, _: progress(f"{text}, from another start", 1.0)
 
 
-def _everywhere(prepared: Prepared) -> Dataset:
-    """All windows of the headline's horizon that fits may see, evenly fewer of a long log."""
-    data, options = prepared.fitting, prepared.options
-    return data.take(evenly(data, options.final_steps, settings=options.settings.data))
-
-
-def _worth_searching(data: Dataset, gap: Gap, floor: NoiseFloor, options: Options) -> bool:
-    """Whether longer windows are searched for more effects: where that is cheap, or bearable with what may be a gap to
-    explain, in all or in one channel. A search alarms nobody, so that less is enough for it than for the verdict where
-    there are windows enough for its tests. A physics engine's steps are never cheap."""
-    phases, settings = options.phases, options.settings
-    many = len(np.unique(blocks_of(data, settings=settings.fit))) >= phases.blocks
-    equations = all(b.robot.step is None for b in data.blocks)
-    if many and equations and data.cost <= phases.cheap:
-        return True
-    bearable = min(phases.blocks, data.count) * data.cost // data.count <= phases.bearable
-    margin = settings.predict.floor.margin
-    with np.errstate(invalid="ignore"):
-        seen = gap.total > margin * floor.total or bool((gap.channels > margin * floor.channels).any())
-    perhaps = data.count >= phases.few and seen
-    return bearable and (perhaps or beyond(gap, floor, settings=settings.predict))
-
-
-def _made_by_step(data: Dataset, scales: Scales, gap: Gap, floor: NoiseFloor, found: Found) -> bool:
-    """Whether the error of the model's own time step accounts for what the explanation so far leaves here."""
-    row = found.problem.space.settings([found.fit.values])
-    error = step_error(data, scales, row, found.ruler.settings, STEP_WINDOWS)
-    return error is not None and gap.total**2 - floor.total**2 <= error**2
-
-
 def _rivals_that_hold(prepared: Prepared, found: Found) -> Rivalry:
     """The rivals of what was found; of the rival that holds far better on all windows, where there is one."""
-    settings = prepared.options.settings
-    rivalry = find_rivals(found, settings=settings.search)
-    replays = PredictionCache(_everywhere(prepared), prepared.space)
+    settings, over = prepared.options.settings, other_horizons(prepared, found)
+    rivalry = find_rivals(found, over=over, settings=settings.search)
+    replays = PredictionCache(everywhere(prepared), prepared.space)
     ruler = replace(found.ruler, scales=prepared.scales)
     better = holds_elsewhere(rivalry, found.met, replays, ruler, settings=settings.search)
     if better is None:
         return rivalry
     exchanged = replace(found, fit=on_problem(found.problem, better, settings=settings.fit))
-    return find_rivals(exchanged, most=0, prefer_first=False, settings=settings.search)
+    return find_rivals(exchanged, most=0, prefer_first=False, over=over, settings=settings.search)
 
 
 def _closed_by_one(found: Found, current: Fit, gone: tuple[Term, ...], settings: ResultSettings) -> Found | None:
@@ -227,7 +198,7 @@ def _closed_by_one(found: Found, current: Fit, gone: tuple[Term, ...], settings:
     if not current.terms or len(current.terms) >= search.largest or not left:
         return None
     if not much and gap - ruler.floor <= ruler.step_error(current):
-        return None  # the model's own time step makes that
+        return None  # the model's own time step may make that, and little evidence is asked for here
     plain = tolerating(found.problem, None)  # small differences elsewhere may absorb what the effect explains
     near, enough = None, search.sizeable if much else search.most
     far = max(enough, (1.0 - search.rivals.far_smaller) * gap / max(gap - ruler.floor, 1e-12))
@@ -304,15 +275,3 @@ def _earlier(prepared: Prepared) -> Values | None:
         return None
     tuned = {k: given.get(k, space.null(k)) for k in space.tunables}
     return {**tuned, **{k: v for k, v in given.items() if k.effect != TUNE and k.term in terms}}
-
-
-def _seen_over(
-    data: Dataset, scales: Scales, found: Found, prepared: Prepared, rng: np.random.Generator
-) -> tuple[Dataset, Gap, NoiseFloor]:
-    """Longer windows with the noise that what was found leaves there, its gap and its floor."""
-    settings = prepared.options.settings
-    row = prepared.space.settings([found.fit.values])
-    predicted, times = predict(data, row)[0], times_longer(found.problem)
-    problem = build_problem(data, prepared.space, data.sigma, times=times, settings=settings.predict)
-    data = with_noise(data, problem, scales, predicted, settings=settings.fit)
-    return data, gap_of(data, scales, data.y - predicted), floor_of(data, scales, row, rng, settings=settings.predict)

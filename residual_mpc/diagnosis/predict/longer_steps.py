@@ -19,21 +19,24 @@ from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings, Values
 
+NOMINAL = Settings(1)
 
-def quickened(data: Dataset, scales: Scales, settings: PredictSettings) -> Dataset:
-    """The windows with the longest steps that change little of the nominal model's predictions, of the motion and of
-    what that model leaves; the same dataset where there are none."""
+
+def quickened(data: Dataset, scales: Scales, settings: PredictSettings, row: Settings = NOMINAL) -> Dataset:
+    """The windows with the longest steps that change little of the predictions of a model (one row of settings; of the
+    nominal model), of the motion and of what that model leaves; the same dataset where there are none. A stiff effect,
+    such as a motor's line near its no-load speed, may swing with longer steps where the nominal model does not."""
     tuned = settings.longer_steps
     shortest = min(b.drive.dt for b in data.blocks)
     keep = np.isin(np.arange(data.count), np.linspace(0, data.count - 1, min(data.count, tuned.windows)).astype(int))
     few = data.take(keep)
-    own = predict(few, Settings(1))[0]
+    own = predict(few, row)[0]
     most = min(tuned.error, tuned.of_left * gap_of(few, scales, few.y - own).total)
     for times in range(int(tuned.longest / shortest + 1e-9), 1, -1):
         longer = with_longer_steps(few, times)
         if longer is None:
             return data
-        change = gap_of(few, scales, own - predict(longer, Settings(1))[0]).total
+        change = gap_of(few, scales, own - predict(longer, row)[0]).total
         if change < most:
             return with_longer_steps(data, times) or data
     return data

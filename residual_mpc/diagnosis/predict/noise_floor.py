@@ -1,7 +1,7 @@
 """The noise floor as a figure: what a perfect model leaves under the sensors' noise, and whether a gap is beyond it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtri
@@ -22,13 +22,14 @@ SMALL = 0.05  # of the motion: small enough, whatever the noise
 @dataclass(frozen=True, eq=False)
 class NoiseFloor:
     """The gap of a perfect model under the sensors' noise: its total and channels (C,), and what noise alone hardly
-    ever exceeds; windows: from how many."""
+    ever exceeds; windows: from how many; typical: the gap of the median window, NaN where that was not asked."""
 
     total: float
     channels: np.ndarray
     luck: float
     channel_luck: np.ndarray
     windows: int
+    typical: float = float("nan")
 
 
 def floor_of(
@@ -40,12 +41,9 @@ def floor_of(
     keep = evenly(data, settings.floor.steps, settings=settings.data) | poor
     some = data if keep.all() else data.take(keep)
     each = np.where(poor, 1.0, (~poor).sum() / max((keep & ~poor).sum(), 1))[keep]  # windows that one stands for
-    quick = quickened(some, scales, settings=settings)
-    return floor_from(
-        [gap_of(some, scales, e, each) for e in noise_errors(quick, row, rng, settings.floor.draws, some)],
-        some.count,
-        settings=settings,
-    )
+    quick = quickened(some, scales, settings=settings, row=row)
+    errors = noise_errors(quick, row, rng, settings.floor.draws, some)
+    return floor_under(some, scales, errors, each, settings=settings)
 
 
 def poorly_begun(data: Dataset, settings: PredictSettings) -> np.ndarray:
@@ -70,6 +68,16 @@ def poorly_begun(data: Dataset, settings: PredictSettings) -> np.ndarray:
     if many or poor.sum() * data.cost > tuned.steps * data.count:  # evenly chosen ones will do
         return np.zeros(data.count, dtype=bool)
     return np.asarray(poor)
+
+
+def floor_under(
+    data: Dataset, scales: Scales, errors: np.ndarray, weights: np.ndarray, settings: PredictSettings
+) -> NoiseFloor:
+    """The floor from the errors (draws, W, M, C) that noise alone makes on windows with these weights (W,)."""
+    counted = weights > 0
+    found = floor_from([gap_of(data, scales, e, weights) for e in errors], int(counted.sum()), settings=settings)
+    own = [np.nanmedian(per_window(data, scales, e)[counted]) for e in errors] if counted.any() else []
+    return replace(found, typical=float(np.sqrt(np.mean(own))) if own else float("nan"))
 
 
 def floor_from(drawn: Sequence[Gap], windows: int, settings: PredictSettings) -> NoiseFloor:

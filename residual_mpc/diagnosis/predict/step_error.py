@@ -13,6 +13,7 @@ from residual_mpc.models import optional
 from residual_mpc.models.settings import Settings
 
 WINDOWS = 40  # of a figure that is reported
+MADE_WINDOWS = 24  # on which a search asks whether the step makes what is left
 
 
 def finer_prediction(data: Dataset, row: Settings, here: np.ndarray | None = None) -> np.ndarray | None:
@@ -49,13 +50,47 @@ def step_error(
 ) -> float | None:
     """The gap between a model and one stepped infinitely finely, on at most so many windows; those that diverge count
     little. None where no model here has another step."""
-    few = data.take(
-        np.isin(np.arange(data.count), np.linspace(0, data.count - 1, min(data.count, windows)).astype(int))
-    )
+    few = _some(data, windows)
     apart = finer_prediction(few, row)
     if apart is None:
         return None
     return float(gap_of(few, scales, apart, window_trust(few, scales, apart, settings=settings)).total)
+
+
+def made_by_step(data: Dataset, scales: Scales, row: Settings, floor: float, settings: DataSettings) -> bool:
+    """Whether the error of the model's own time step accounts for what the model (settings of one row) misses: it is as
+    large as that, and taking as much of it out as fits best leaves less than half. What is left has to look like the
+    error of the step: a wrong wheel radius may be as large and look otherwise.
+
+    floor: squared gap of a perfect model."""
+    few = _some(data, MADE_WINDOWS)
+    here = predict(few, row)[0]
+    apart = finer_prediction(few, row, here)
+    if apart is None:
+        return False
+    trust = window_trust(few, scales, apart, settings=settings)
+    error = few.y - here
+    left, step = (float(gap_of(few, scales, e, trust).total) ** 2 for e in (error, apart))
+    if left - floor > step:
+        return False
+    rest = error - step_share(few, scales, error, apart, settings) * apart
+    return float(gap_of(few, scales, rest, trust).total) ** 2 - floor < 0.5 * (left - floor)
+
+
+def step_share(data: Dataset, scales: Scales, error: np.ndarray, apart: np.ndarray, settings: DataSettings) -> float:
+    """How much of the step's error apart (W, M, C) is in a model's errors (W, M, C): 1 if what made the runs has no
+    step. Windows that diverge count little."""
+    trust = window_trust(data, scales, error, settings=settings)[:, None, None]
+    both = np.isfinite(error) & np.isfinite(apart) & scales.compared
+    wrong, step = (np.where(both, x / scales.motion, 0.0) for x in (error, apart))
+    return float(np.clip(np.sum(trust * wrong * step) / max(np.sum(trust * step * step), 1e-300), 0.0, 1.0))
+
+
+def _some(data: Dataset, windows: int) -> Dataset:
+    """At most so many windows, evenly."""
+    return data.take(
+        np.isin(np.arange(data.count), np.linspace(0, data.count - 1, min(data.count, windows)).astype(int))
+    )
 
 
 def within_step_error(data: Dataset, scales: Scales, rows: Settings, settings: DataSettings) -> np.ndarray:

@@ -20,6 +20,7 @@ from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.step_shift import finely_stepped
 from residual_mpc.diagnosis.results.support import Support
 from residual_mpc.diagnosis.search.stepwise import without
+from residual_mpc.effects.effect import Parameter
 from residual_mpc.effects.laws import is_law
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.effects.sensor import SENSOR_OUTLIERS
@@ -83,10 +84,21 @@ def causes_of(
 
 
 def _may_be_none(space: Space, term: Term, estimates: Sequence[Estimate]) -> bool:
-    """Whether the interval of each number that says how much an effect does contains that it does nothing."""
-    sizes = [e for e in estimates if not BY_NAME[term.effect].parameter(e.name).shape]
+    """Whether the interval of each number that says how much an effect does contains that it does nothing, or that of a
+    limit reaches from next to nothing to a multiple of it."""
+    effect = BY_NAME[term.effect]
+    if any(_anywhere(effect.parameter(e.name), e) for e in estimates):
+        return True
+    sizes = [e for e in estimates if not effect.parameter(e.name).shape]
     nulls = [space.null(Knob(*term[:2], e.name)) for e in sizes]
     return bool(sizes) and all(e.ci95[0] <= null <= e.ci95[1] for e, null in zip(sizes, nulls, strict=True))
+
+
+def _anywhere(parameter: Parameter, estimate: Estimate) -> bool:
+    """Whether a limit, which does less the larger it is, may as well be a tenth of its value or twice that."""
+    limit = parameter.reference != "one" and parameter.null > estimate.value > 0.0
+    low, high = estimate.ci95
+    return limit and low < 0.1 * estimate.value and high > 2.0 * estimate.value
 
 
 def _law(of: FittedExplanation, term: Term, settings: ResultSettings) -> FittedLaw:
@@ -227,11 +239,11 @@ def most_sure(
     verdict: str, unexplained: float, times_floor: float, beats_forecast: float, settings: ResultSettings
 ) -> float:
     """The probability of a cause without a rival: where much is left, something else than the library's effects is at
-    work, and what was named may be its shadow. times_floor: the gap that is left over the noise floor, the largest of
-    all horizons; beats_forecast: the share that the explained model removes of a constant-velocity forecast's squared
-    gap."""
+    work, and what was named may be its shadow. That a gap is too small to matter says nothing of its cause.
+    times_floor: the gap that is left over the noise floor, the largest of all horizons; beats_forecast: the share that
+    the explained model removes of a constant-velocity forecast's squared gap."""
     tuned = settings.causes
-    most = 1.0 if verdict == "effects" else tuned.most_partial
+    most = 1.0 if verdict == "effects" and times_floor <= AS_GOOD else tuned.most_partial
     shadow = max(most - tuned.shadow * float(np.log(max(times_floor / AS_GOOD, 1.0))), tuned.least_sure)
     useful = max(min(beats_forecast / tuned.useful, 1.0), tuned.least_sure)
     return tuned.most_sure * (1.0 - unexplained) * shadow * useful

@@ -14,7 +14,7 @@ from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, s
 from residual_mpc.diagnosis.predict.horizons import FORETOLD, HorizonWindows
 from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
-from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD, NoiseFloor, floor_draws, floor_from, floor_of
+from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD, NoiseFloor, floor_draws, floor_of, floor_under
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.step_error import step_error
@@ -162,10 +162,10 @@ def measure_gaps(
     row = rows.take(np.array([2 if helps else 1]))
     noise = _noise(of, longer, row, settings=settings)
     raw, seen = replace(of.raw, noise=noise), replace(of.after_data, noise=noise)
-    quick = quickened(seen, scales, settings=settings.predict)
+    quick = quickened(seen, scales, settings=settings.predict, row=row)
     floors = noise_errors(quick, row, rng, floor_draws(seen, steps, settings=settings.predict), seen)
-    floor = floor_from([gap_of(seen, scales, e, test) for e in floors], int(test.sum()), settings=settings.predict)
-    everywhere = floor_from([gap_of(seen, scales, e) for e in floors], seen.count, settings=settings.predict)
+    floor = floor_under(seen, scales, floors, test, settings=settings.predict)
+    everywhere = floor_under(seen, scales, floors, np.ones(seen.count), settings=settings.predict)
     unknown = runs_with_unknown_past(raw, settings.data.unknown_past)
     looks = [_look(raw, scales, errors, test, bool(of.held.any()), floor, unknown, settings=settings)]
     # outliers count as a gap if they are named, or if their effect is excluded

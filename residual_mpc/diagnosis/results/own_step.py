@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
-from residual_mpc.diagnosis.data.gap import Scales, gap_of, window_trust, with_sound_starts
+from residual_mpc.diagnosis.data.gap import Scales, gap_of, with_sound_starts
 from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond
-from residual_mpc.diagnosis.predict.step_error import finest_prediction, step_error
+from residual_mpc.diagnosis.predict.step_error import finest_prediction, step_error, step_share
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.models.settings import Settings
 
@@ -51,7 +51,7 @@ def only_the_step(horizons: Sequence[Seen], row: Settings, settings: ResultSetti
     if error is None or error**2 < settings.gaps.step_part * excess:
         return False
     apart = first.from_the_step(row)
-    share = _share(first, apart, settings)
+    share = 0.0 if apart is None else step_share(first.data, first.scales, first.error, apart, settings.data)
     if not _explained(first, share, apart, settings):
         return False
     return all(_explained(s, share, s.from_the_step(row), settings) for s in horizons[1:])
@@ -65,14 +65,3 @@ def _explained(seen: Seen, share: float, apart: np.ndarray | None, settings: Res
         return not left.beyond_noise(settings)
     rest, step = (gap_of(seen.data, seen.scales, e).total for e in (left.error, share * apart))
     return bool(rest**2 - seen.floor.total**2 < (settings.gaps.step_rest * step) ** 2)
-
-
-def _share(seen: Seen, apart: np.ndarray | None, settings: ResultSettings) -> float:
-    """Of the step's error (W, M, C), how much is in the model's errors: 1 if what made the runs has no step. Windows
-    that diverge count little."""
-    if apart is None:
-        return 0.0
-    trust = window_trust(seen.data, seen.scales, seen.error, settings=settings.data)[:, None, None]
-    both = np.isfinite(seen.error) & np.isfinite(apart) & seen.scales.compared
-    error, step = (np.where(both, x / seen.scales.motion, 0.0) for x in (seen.error, apart))
-    return float(np.clip(np.sum(trust * error * step) / max(np.sum(trust * step * step), 1e-300), 0.0, 1.0))

@@ -32,6 +32,16 @@ class HorizonGaps:
     unjudged: int = 0
 
     @property
+    def times_floor(self) -> float:
+        """How many times the noise floor is left, in all or in the median window, whichever is more. A few windows in
+        which the explained model magnifies every error of the start make both gaps large and hide what all others
+        leave."""
+        ratios = [self.steady.total / max(self.floor.total, 1e-12)]
+        if self.floor.typical > 0.0:
+            ratios.append(self.quantiles["after"]["p50"] / self.floor.typical)
+        return max(ratios)
+
+    @property
     def decides(self) -> bool:
         """Whether any window can be judged."""
         return self.unjudged < self.windows

@@ -1,5 +1,6 @@
 """Other sets that explain these runs as well: rivals with a probability, and the groups that cannot be told apart."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +18,6 @@ from residual_mpc.diagnosis.search.close_rivals import (
     are_twins,
     is_its_simple_case,
     too_close,
-    without_small_differences,
 )
 from residual_mpc.diagnosis.search.confounded_groups import groups_of, with_first_members
 from residual_mpc.diagnosis.search.optional_numbers import with_shown
@@ -25,9 +25,9 @@ from residual_mpc.diagnosis.search.screen import smaller
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stand_ins import interchangeable, stand_ins
 from residual_mpc.diagnosis.search.stepwise import Found, without
-from residual_mpc.diagnosis.search.substitutes import counting_all, imitate
-from residual_mpc.effects.library import BY_NAME
-from residual_mpc.models.settings import TUNE, Knob, Term, Values
+from residual_mpc.diagnosis.search.substitutes import counting_all
+from residual_mpc.diagnosis.search.visible_gaps import low_pass_for_another, told_over, with_gaps_seen, with_low_pass
+from residual_mpc.models.settings import Knob, Term, Values
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,16 @@ class Rivalry:
 
 
 def find_rivals(
-    found: Found, most: int | None = None, prefer_first: bool = True, *, settings: SearchSettings
+    found: Found,
+    most: int | None = None,
+    prefer_first: bool = True,
+    over: Sequence[Ruler] = (),
+    *,
+    settings: SearchSettings,
 ) -> Rivalry:
     """Replace each term (each pair of rim scales, and one effect on several targets) by what resembles it; swap, `most`
     times, where that is better. prefer_first: whether the first of a confounded group takes the chosen one's place.
+    over: windows of other horizons, which tell apart what the found ones do not.
     """
     tuned = settings.rivals
     most = tuned.swaps if most is None else most
@@ -61,8 +67,7 @@ def find_rivals(
     places, swaps = _places(fit), 0
     while places:
         here = _replacements(found.problem, fit, places.pop(), found.phi, settings=settings)
-        seen = _seen_larger(found, fit, here, settings=settings)
-        here = [_told_apart(r, settings=settings) if larger else r for r, larger in zip(here, seen, strict=True)]
+        here = with_gaps_seen(found, fit, here, settings=settings)
         same = too_close(found.problem, found.ruler, fit, here, settings=settings)
         # twins are equally likely: their likelihoods differ because each rounds the delay to time steps in its own way.
         # One that fits far better still takes the place: the other rests in a poorer minimum
@@ -72,6 +77,7 @@ def find_rivals(
         begun = [r.ratio >= tuned.better and _begun_otherwise(fit, r) for r in here]
         same = [any(reasons) for reasons in zip(same, twins, simple, begun, strict=True)]
         here = [replace(r, ratio=0.0, alike=True) if s else r for r, s in zip(here, same, strict=True)]
+        here = told_over(found, fit, here, over, settings=settings)
         rivals += here
         better = min(here, key=lambda r: r.ratio, default=None)
         if better is not None and better.ratio < tuned.better and swaps < most:
@@ -98,31 +104,6 @@ def holds_elsewhere(
     best = min(near.tolist(), key=lambda i: (len(fits[i].knobs), gaps[i]))  # the simplest of those that do as well
     much = gaps[0] > ruler.much
     return fits[best] if much and gaps[best] < tuned.far_smaller * gaps[0] else None
-
-
-def _told_apart(rival: Rival, settings: SearchSettings) -> Rival:
-    """The rival as one that the data tell from the chosen set."""
-    return replace(rival, ratio=max(rival.ratio, settings.steps.alike), alike=False)
-
-
-def _seen_larger(found: Found, fit: Fit, rivals: list[Rival], settings: SearchSettings) -> list[bool]:
-    """Which rivals leave a gap that one would see to be larger than the chosen fit's, by more than the error of the
-    model's own time step. Precise encoders may outweigh the pose in the likelihood, and what they show is no reason to
-    give up what the pose shows. The gap of a low-pass of the readings is not compared with that of what imitates it:
-    its input at a window's start is reconstructed from noisy readings, which alone enlarges the gap."""
-    tuned = settings.rivals
-    close = [
-        i for i, r in enumerate(rivals) if (r.alike or r.ratio < tuned.better) and not _low_pass_for_another(fit, r)
-    ]
-    if not close:
-        return [False] * len(rivals)
-    fits = without_small_differences(found.problem, [fit, *(rivals[i].fit for i in close)], settings)
-    own, *gaps = found.ruler.squared(fits[::-1])[::-1]
-    least = max(tuned.visible * found.ruler.floor, tuned.share * own)
-    if max(gaps) > own + least:  # the step's error asks for replays
-        least = max(least, found.ruler.step_error(fit))
-    larger = {i for i, g in zip(close, gaps, strict=True) if g > own + least}
-    return [i in larger for i in range(len(rivals))]
 
 
 def _places(fit: Fit) -> list[tuple[Term, ...]]:
@@ -187,7 +168,7 @@ def _difference(problem: Problem, rest: Fit, fit: Fit, other: Fit, settings: Sea
     start, that without a low-pass and, for both fits, that with it; the smaller of the two then counts.
     """
     difference, gain = other.cost - fit.cost, rest.cost - fit.cost
-    lagged = [f for f in (fit, other) if _with_low_pass(f)]
+    lagged = [f for f in (fit, other) if with_low_pass(f)]
     if len(lagged) != 1 or difference > settings.rivals.works * gain:
         return difference, gain
     wide = wider_start(problem, lagged[0].values, settings=settings.predict)
@@ -202,21 +183,7 @@ def _difference(problem: Problem, rest: Fit, fit: Fit, other: Fit, settings: Sea
 def _begun_otherwise(fit: Fit, rival: Rival) -> bool:
     """Whether the likelihood hardly tells a low-pass of the readings from an effect that imitates it: the remaining
     difference depends on how the input of the low-pass at the start of a window is reconstructed."""
-    return rival.alike and _low_pass_for_another(fit, rival)
-
-
-def _low_pass_for_another(fit: Fit, rival: Rival) -> bool:
-    """Whether one of two effects that imitate each other is a low-pass of the readings."""
-    imitates = rival.exchange is not None and imitate(*rival.exchange)
-    return imitates and _with_low_pass(fit) != _with_low_pass(rival.fit)
-
-
-def _with_low_pass(fit: Fit) -> bool:
-    return any(_is_low_pass(k) for k in fit.knobs)
-
-
-def _is_low_pass(knob: Knob) -> bool:
-    return knob.effect != TUNE and BY_NAME[knob.effect].parameter(knob.parameter).quantity == "reading lag"
+    return rival.alike and low_pass_for_another(fit, rival)
 
 
 def _fits(
