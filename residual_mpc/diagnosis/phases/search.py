@@ -27,6 +27,7 @@ from residual_mpc.diagnosis.remainder.resemblance import closest
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.search.acceptance import build_ruler, convincing, judge
+from residual_mpc.diagnosis.search.by_target import counted
 from residual_mpc.diagnosis.search.off_bounds import off_bounds
 from residual_mpc.diagnosis.search.optional_numbers import makeup
 from residual_mpc.diagnosis.search.other_starts import begun_with, better_everywhere, other_start
@@ -195,7 +196,7 @@ def _closed_by_one(found: Found, current: Fit, gone: tuple[Term, ...], settings:
     much = ruler.much_left(current)
     gap = float(ruler.squared([current])[0])
     left = much or gap > settings.predict.floor.margin**2 * ruler.floor
-    if not current.terms or len(current.terms) >= search.largest or not left:
+    if not current.terms or counted(current.terms) >= search.largest or not left:
         return None
     if not much and gap - ruler.floor <= ruler.step_error(current):
         return None  # the model's own time step may make that, and little evidence is asked for here

@@ -14,6 +14,7 @@ from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem, about
 from residual_mpc.diagnosis.search.acceptance import Ruler, build_ruler, convincing, judge
 from residual_mpc.diagnosis.search.additions import NONE, additions, distinct
+from residual_mpc.diagnosis.search.by_target import by_target, counted
 from residual_mpc.diagnosis.search.off_bounds import off_bounds
 from residual_mpc.diagnosis.search.optional_numbers import Makeup, freed, makeup, with_shown, without_numbers
 from residual_mpc.diagnosis.search.pairs import pairs
@@ -166,7 +167,7 @@ class Forward:
         last two steps came across, those of the last step first, each cheapest first."""
         steps, seen, met = list(steps), {makeup(beam[0].values)}, list[Fit]()
         base, blocks, settings = self.base, self.blocks, self.settings
-        while len(beam[0].terms) < settings.largest:
+        while counted(beam[0].terms) < settings.largest:
             problem = self.at(beam[0])
             ruler = self.ruler_at(problem)
             here = judge(problem, beam[0], self.noise, ruler.scales, settings=settings)
@@ -184,6 +185,8 @@ class Forward:
             met = distinct([*children[: settings.steps.met], *met[: settings.steps.met]])
             children = simplest_first(children, blocks, settings=settings)
             chosen = self._choose(problem, ruler, beam[0], children)
+            if chosen is None:  # nothing can be added, but what acts on all targets alike may differ between them
+                chosen = self._choose(problem, ruler, beam[0], children := by_target(here, beam[0], blocks, settings))
             if chosen is None:
                 break
             child, onward = chosen
