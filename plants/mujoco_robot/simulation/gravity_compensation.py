@@ -1,4 +1,5 @@
-"""Torques of a controller that bear the weight of the modelled robot."""
+"""Torques of a controller that bear the weight of the modelled robot (PD control with gravity compensation: Siciliano
+et al., Robotics: Modelling, Planning and Control, 2009, section 8.5.1)."""
 
 from collections.abc import Callable
 from copy import copy
