@@ -9,11 +9,13 @@ import numpy as np
 from plants.mujoco_robot.loading.compile import NO_LIMIT, mark_simple, prepared
 from plants.mujoco_robot.simulation.channels import write_start
 from plants.mujoco_robot.simulation.constants import corrected_constants
+from plants.mujoco_robot.simulation.gravcomp import why_no_gravcomp, write_gravcomp
 from plants.mujoco_robot.simulation.replay import replay
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.body import COULOMB
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import BY_NAME, changes, present
+from residual_mpc.effects.surroundings import GRAVITY_COMPENSATION
 from residual_mpc.errors import BadInput
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
@@ -35,10 +37,13 @@ def to_mjcf(robot: CompiledRobot, settings: Settings, folder: Path) -> Mjcf:
             f"{robot.name!r} cannot be exported as MJCF: {why}", "--to mjcf", "export each model file separately"
         )
     reasons = {e: not_held(BY_NAME[e]) for e in settings.effects}
+    if GRAVITY_COMPENSATION.name in reasons:
+        reasons[GRAVITY_COMPENSATION.name] = why_no_gravcomp(robot, settings)
     left_out = tuple(f"{e}: {why}" for e, why in reasons.items() if why)
     held = settled(Settings(1, {e: p for e, p in settings.effects.items() if not reasons[e]}, settings.tuned))
     spec, plain = robot.spec.copy(), robot.model
     write_numbers(spec, robot, held)
+    write_gravcomp(spec, robot, held)
     write_memory(spec, held)
     spec.compile()
     if plain.nmesh or plain.ntex or plain.nhfield:  # seen from where the file will lie

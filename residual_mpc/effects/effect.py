@@ -37,6 +37,7 @@ Site = Literal[
     "rotor",  # a rotor's inertia at a joint
     "tool",  # a mass at the payload site
     "gravity",  # the direction of gravity in the base frame
+    "compensation",  # torques of the controller that bear the modelled robot's weight
     "link",  # a link's mass and centre of mass
     "length",  # the distance of two joints along a link
     "rolling",  # wheel radii and track
@@ -70,6 +71,7 @@ Quantity = Literal[
     "gear play",  # rad
     "damping behind the gear",  # of the joint's damping in the model
     "gravity roll", "gravity pitch",  # rad
+    "compensated gravity",  # the share of the modelled gravity that the controller bears
     "joint stop",  # rad
     "reading delay",  # s
     "reading offset",  # the channel's unit

@@ -44,7 +44,14 @@ from residual_mpc.effects.sensor import (
     SENSOR_MOUNTING,
     SENSOR_SCALE,
 )
-from residual_mpc.effects.surroundings import BASE_TILT, END_STOP, JOINT_SPRING, TORQUE_OFFSET, TORQUE_RIPPLE
+from residual_mpc.effects.surroundings import (
+    BASE_TILT,
+    END_STOP,
+    GRAVITY_COMPENSATION,
+    JOINT_SPRING,
+    TORQUE_OFFSET,
+    TORQUE_RIPPLE,
+)
 
 
 @dataclass(frozen=True)
@@ -66,6 +73,8 @@ CHIRP = "send a chirp"
 HOLD = "send steps to several heights, and hold each for some seconds"
 TURNS = "log the wheel encoders, and drive far enough for the wheels to turn many times"
 MINUTES = "log one run of several minutes, with motion in its first and in its last seconds"
+FOLDED = "hold the arm stretched out and folded, in several directions"
+AROUND = "hold the arm stretched out in several directions about the vertical"
 OFF = "log stretches with the motor off (enabled.* = 0)"
 
 # Of several pairs in a group the first counts. Those of the low-passed and scaled readings and from gear efficiency on
@@ -110,12 +119,19 @@ SEPARATIONS: tuple[Separation, ...] = (
     Separation(SERVO_INTEGRAL, PAYLOAD, "", HOLD),
     Separation(SERVO_INTEGRAL, COULOMB, "", HOLD),
     Separation(JOINT_SPRING, TORQUE_OFFSET, "", "hold the joint at several positions over its whole range"),
-    Separation(JOINT_SPRING, PAYLOAD, "", "hold the arm stretched out and folded, in several directions"),
+    Separation(JOINT_SPRING, PAYLOAD, "", FOLDED),
     Separation(TORQUE_RIPPLE, COULOMB, "", "turn the joint slowly and steadily through several cycles, both ways"),
     Separation(TORQUE_RIPPLE, JOINT_SPRING, "", "turn the joint slowly and steadily through more than one cycle"),
     Separation(TORQUE_RIPPLE, TORQUE_OFFSET, "", "turn the joint slowly and steadily through more than one cycle"),
     Separation(TORQUE_OFFSET, SENSOR_BIAS, "", OFF),
-    Separation(BASE_TILT, PAYLOAD, "", "hold the arm stretched out in several directions about the vertical"),
+    Separation(BASE_TILT, PAYLOAD, "", AROUND),
+    Separation(GRAVITY_COMPENSATION, PAYLOAD, "", "repeat the motion with a known payload"),
+    Separation(GRAVITY_COMPENSATION, LINK_MASS, "", "repeat the motion with a known payload"),
+    Separation(GRAVITY_COMPENSATION, ACTUATOR_GAIN, "", "hold the arm at several heights, and move it fast"),
+    Separation(GRAVITY_COMPENSATION, SERVO_INTEGRAL, "", HOLD),
+    Separation(GRAVITY_COMPENSATION, JOINT_SPRING, "", FOLDED),
+    Separation(GRAVITY_COMPENSATION, TORQUE_OFFSET, "", FOLDED),
+    Separation(GRAVITY_COMPENSATION, BASE_TILT, "", AROUND),
     Separation(END_STOP, SATURATION, "", "approach the position at which the joint stops slowly and fast"),
 )
 

@@ -1,5 +1,5 @@
-"""Effects of what surrounds the joints: springs, constant and rippling torques beside them, stops, and the base's
-tilt."""
+"""Effects of what surrounds the joints: springs, constant and rippling torques beside them, stops, the base's tilt, and
+a controller that bears the robot's weight."""
 
 import math
 
@@ -113,4 +113,18 @@ BASE_TILT = Effect(
     nouns={"roll": Noun("roll of the base", "excess"), "pitch": Noun("pitch of the base", "excess")},
 )
 
-EFFECTS = (JOINT_SPRING, TORQUE_OFFSET, TORQUE_RIPPLE, END_STOP, BASE_TILT)
+GRAVITY_COMPENSATION = Effect(
+    name="gravity_compensation",
+    stage="body",
+    port="model",
+    target="robot",
+    parameters=(Parameter("share", "1", 0.0, 0.0, 1.5, (1.0, 0.5), quantity="compensated gravity"),),
+    summary="the controller adds torques that bear the weight of the modelled robot",
+    site="compensation",
+    unseen="no motor of the model bears weight that shows in these runs",
+    imitates=frozenset({"position"}),
+    phrase=Phrase("the controller compensates {share} of the modelled gravity", shares=("share",)),
+    nouns={"share": Noun("gravity compensation", appears="gravity compensation", article="", size="share")},
+)
+
+EFFECTS = (JOINT_SPRING, TORQUE_OFFSET, TORQUE_RIPPLE, END_STOP, BASE_TILT, GRAVITY_COMPENSATION)

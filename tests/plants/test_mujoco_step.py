@@ -132,6 +132,8 @@ EFFECTS = [
     {("joint_spring", "elbow", "stiffness"): 30.0, ("joint_spring", "elbow", "rest"): 0.3},
     {("torque_offset", "shoulder_lift", "torque"): 8.0},
     {("base_tilt", None, "roll"): 0.1, ("base_tilt", None, "pitch"): -0.2},
+    {("gravity_compensation", None, "share"): 0.9},
+    {("gravity_compensation", None, "share"): 0.9, ("payload", None, "mass"): 0.8, ("base_tilt", None, "roll"): 0.1},
     {("torque_speed_limit", "elbow", "stall_torque"): 30.0, ("torque_speed_limit", "elbow", "no_load_speed"): 2.0},
     {("rate_limit", "elbow", "rate"): 0.5},
     {("torque_ripple", "elbow", k): v for k, v in {"amplitude": 8.0, "cycles": 7.5, "phase": 0.3}.items()},

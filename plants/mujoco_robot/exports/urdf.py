@@ -30,6 +30,7 @@ LACKS = {  # site of an effect -> why a URDF does not say it
     "elastic": "URDF has no springs or constant torques",
     "stop": "its limits are those of the controller",
     "gravity": "URDF does not say where the base stands",
+    "compensation": "URDF has no controller",
     "command": "URDF has no actuators, and so no delay or lag",
 }
 

@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any
 
 from plants.mujoco_robot.native.chain import ACTUATOR, BESIDE, DAMPING, FRICTION, Chain, actuator_at, joint_at, sizes
+from plants.mujoco_robot.native.dynamics import LinkNumbers, gravity_torques
 from plants.mujoco_robot.native.elementary import operations
 from plants.mujoco_robot.native.lanes import Lanes, Number, compared, lanes, larger, load, smaller, store, where
 from plants.mujoco_robot.native.program import Program, Value
@@ -16,6 +17,7 @@ from residual_mpc.effects.laws import NEAR, equation, kind_of
 from residual_mpc.effects.library import BUILT_IN, BY_NAME, LAWS
 from residual_mpc.effects.ops import Ops, clip
 
+NOMINAL = 7  # numbers of a link of the nominal model: place 3, mass, centre 3
 COMPILED = frozenset(e.name for e in (*BUILT_IN, *LAWS))  # a user's own equation may not be compiled
 
 
@@ -33,16 +35,26 @@ class Acting:
 
 
 @dataclass(frozen=True)
+class Weight:
+    """The weight of the nominal model, of which the motors bear a share: where share, gravity 3 and of each link place
+    3, mass and centre 3 begin. behind: degrees of freedom behind gears that the controller does not see."""
+
+    first: int
+    behind: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
 class Changing:
     """What is rewritten, the same for all rows of a program. A number says where numbers of the rows begin, counted
     from the arm's own, -1 where there are none.
 
-    clock: s since the run began, at the middle of the next step; and the step's length. base: of the actuators, as
-    they are without strengths and limits: gain, bias 3, range 2 each. reach: lowest and highest force of each actuator.
-    integral: the effect; what it adds now, and its range, 3 an actuator, begin at `added`. errors: at position
-    servos. level: the joints' constant dry friction. damping: that of the joints. links: actuators whose servos see the
-    link, with the degree of freedom behind the gear; their ratios of damping to stiffness begin at `ratios`. switched:
-    whether the controls are followed by what is switched on. records: whether forces are written down.
+    clock: s since the run began, at the middle of the next step; and the step's length. base: of the actuators, as they
+    are without strengths and limits: gain, bias 3, range 2 each. reach: lowest and highest force of each actuator.
+    integral: the effect; what it adds now, and its range, 3 an actuator, begin at `added`. errors: at position servos.
+    level: the joints' constant dry friction. damping: that of the joints. weight: that of the nominal model, which
+    motors bear. links: actuators whose servos see the link, with the degree of freedom behind the gear; their ratios of
+    damping to stiffness begin at `ratios`. switched: whether the controls are followed by what is switched on. records:
+    whether forces are written down.
     """
 
     count: int
@@ -57,6 +69,7 @@ class Changing:
     level: int = -1
     laws: tuple[Acting, ...] = ()
     damping: int = -1
+    weight: Weight | None = None
     errors: tuple[Acting, ...] = ()
     integral: Acting | None = None
     added: int = -1
@@ -93,8 +106,12 @@ class Rewriting:
         signals |= {"command": self._at_joints(u, n), "load": self._loads(force, n)}
         if c.level >= 0:
             self._frictions(ops, signals)
-        if c.laws:
-            self._laws(ops, signals)
+        beside = self._laws(ops, signals) if c.laws else {}
+        if c.weight is not None:
+            for i, x in self._borne(c.weight, q, on).items():
+                beside[i] = beside.get(i, 0.0) + x
+        for i, x in beside.items():
+            store(self.p, x, self.numbers, joint_at(self.chain, i) + BESIDE)
         for slot, (i, behind) in enumerate(c.links):
             gear = self.chain.actuators[i].gear
             u[i] = u[i] - gear * (q[behind] + self._load(c.ratios + slot) * v[behind])
@@ -169,7 +186,7 @@ class Rewriting:
         for i in sorted(touched):
             store(self.p, larger(self.p, level[i], 0.0), self.numbers, joint_at(self.chain, i) + FRICTION)
 
-    def _laws(self, ops: Ops, signals: Mapping[str, Sequence[Number]]) -> None:
+    def _laws(self, ops: Ops, signals: Mapping[str, Sequence[Number]]) -> dict[int, Number]:
         """Torques; what brakes ever more with the speed is damping, which the step takes implicitly."""
         c, torque, braking = self.changing, dict[int, Number](), dict[int, Number]()
         for one in c.laws:
@@ -185,8 +202,23 @@ class Rewriting:
             x = larger(self.p, x, 0.0)
             torque[i] = torque[i] + x * signals["speed"][i]
             store(self.p, self._load(c.damping + i) + x, self.numbers, joint_at(self.chain, i) + DAMPING)
-        for i, x in torque.items():
-            store(self.p, x, self.numbers, joint_at(self.chain, i) + BESIDE)
+        return torque
+
+    def _borne(self, weight: Weight, q: Sequence[Lanes], on: Sequence[Lanes | None]) -> dict[int, Number]:
+        """By driven joint, the share of the nominal model's weight that its motors bear where they are on."""
+        chain, first = self.chain, weight.first + 4
+        numbers = [[self._load(first + NOMINAL * i + k) for k in range(NOMINAL)] for i in range(len(chain.joints))]
+        links = [LinkNumbers((x, y, z), m, (a, b, c), (0.0,) * 6) for x, y, z, m, a, b, c in numbers]
+        gravity = self._load(weight.first + 1), self._load(weight.first + 2), self._load(weight.first + 3)
+        off = [x - x0 for x, x0 in zip(q, chain.drawn, strict=True)]
+        off = [lanes(self.p, 0.0) if i in weight.behind else x for i, x in enumerate(off)]
+        torque = gravity_torques(self.p, chain.joints, links, gravity, off)
+        works: dict[int, Number] = {}
+        for actuator, switched in zip(chain.actuators, on, strict=True):
+            now: Number = 1.0 if switched is None else switched
+            before = works.get(actuator.joint)
+            works[actuator.joint] = now if before is None else larger(self.p, before, now)
+        return {i: self._load(weight.first) * torque[i] * now for i, now in works.items()}
 
     def _law(self, ops: Ops, one: Acting, z: Sequence[Number]) -> dict[int, Number]:
         """By joint, what a law adds."""

@@ -65,9 +65,7 @@ def inertia_and_bias(
 ) -> tuple[dict[tuple[int, int], Number], list[Number]]:
     """M[i, j] for j <= i where it is not 0, kg m^2, and the bias forces, N m; q (rad or m) from the drawn posture."""
     n = len(joints)
-    axes: list[list[Three]] = []  # columns
-    place: list[Three] = []
-    motion: list[tuple[Three, Three]] = []  # S
+    axes, place, motion = _placed(p, joints, links, q)
     speed: list[tuple[Three, Three]] = []
     acceleration: list[tuple[Three, Three]] = []
     inertia: list[_Inertia] = []
@@ -75,18 +73,6 @@ def inertia_and_bias(
     still: Three = (0.0, 0.0, 0.0)
     for i, (joint, link) in enumerate(zip(joints, links, strict=True)):
         first = joint.parent < 0
-        before: list[Three] = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)] if first else axes[joint.parent]
-        at = added(still if first else place[joint.parent], _in(before, link.place))
-        x, y, z = (_in(before, axis) for axis in joint.turn)
-        if joint.slides:
-            at = added(at, times(z, q[i]))
-            motion.append((still, z))
-        else:
-            s, c = sine_and_cosine(p, q[i])
-            x, y = added(times(x, c), times(y, s)), added(times(y, c), times(x, -s))
-            motion.append((z, cross(at, z)))
-        axes.append([x, y, z])
-        place.append(at)
         w0, v0 = (still, still) if first else speed[joint.parent]
         dw0, dv0 = (still, times(gravity, -1.0)) if first else acceleration[joint.parent]
         sw, sv = motion[i]
@@ -97,7 +83,7 @@ def inertia_and_bias(
             added(dw0, times(cross(w0, sw), v[i])),
             added(dv0, times(added(cross(w0, sv), cross(v0, sw)), v[i])),
         ))  # fmt: skip
-        inertia.append(_about_origin(axes[i], at, link))
+        inertia.append(_about_origin(axes[i], place[i], link))
         angular, linear = inertia[i].momentum(w, u)
         rate = inertia[i].momentum(*acceleration[i])
         force.append((
@@ -118,6 +104,53 @@ def inertia_and_bias(
             inertia[parent] = inertia[parent] + inertia[i]
             force[parent] = added(force[parent][0], force[i][0]), added(force[parent][1], force[i][1])
     return mass, bias
+
+
+def gravity_torques(
+    p: Program, joints: Sequence[Joint], links: Sequence[LinkNumbers], gravity: Three, q: Sequence[Lanes]
+) -> list[Number]:
+    """The bias forces at rest, N m, without inertias: -S_i . (h x g, m g), with m and h the mass and the mass times
+    centre of all that joint i carries."""
+    axes, place, motion = _placed(p, joints, links, q)
+    mass: list[Number] = [link.mass for link in links]
+    first = [
+        times(added(at, _in(turned, link.centre)), link.mass)
+        for at, turned, link in zip(place, axes, links, strict=True)
+    ]
+    out: list[Number] = [0.0] * len(joints)
+    for i in range(len(joints) - 1, -1, -1):
+        turn, move = motion[i]
+        out[i] = -1.0 * (dot(turn, cross(first[i], gravity)) + dot(move, times(gravity, mass[i])))
+        parent = joints[i].parent
+        if parent >= 0:
+            mass[parent], first[parent] = mass[parent] + mass[i], added(first[parent], first[i])
+    return out
+
+
+def _placed(
+    p: Program, joints: Sequence[Joint], links: Sequence[LinkNumbers], q: Sequence[Lanes]
+) -> tuple[list[list[Three]], list[Three], list[tuple[Three, Three]]]:
+    """Of each link its axes, in columns, and its joint's place and motion S (angular, linear), all in the base's
+    axes."""
+    axes: list[list[Three]] = []
+    place: list[Three] = []
+    motion: list[tuple[Three, Three]] = []
+    still: Three = (0.0, 0.0, 0.0)
+    for i, (joint, link) in enumerate(zip(joints, links, strict=True)):
+        first = joint.parent < 0
+        before: list[Three] = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)] if first else axes[joint.parent]
+        at = added(still if first else place[joint.parent], _in(before, link.place))
+        x, y, z = (_in(before, axis) for axis in joint.turn)
+        if joint.slides:
+            at = added(at, times(z, q[i]))
+            motion.append((still, z))
+        else:
+            s, c = sine_and_cosine(p, q[i])
+            x, y = added(times(x, c), times(y, s)), added(times(y, c), times(x, -s))
+            motion.append((z, cross(at, z)))
+        axes.append([x, y, z])
+        place.append(at)
+    return axes, place, motion
 
 
 def _in(columns: Sequence[Three], x: Three) -> Three:

@@ -1,4 +1,5 @@
-"""What is rewritten in a batch between its steps: actuators that weaken or are switched off, frictions that change."""
+"""What is rewritten in a batch between its steps: actuators that weaken or are switched off, frictions and torques that
+change."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,6 +8,7 @@ import numpy as np
 
 from plants.mujoco_robot.simulation.fitted_laws import any_law, joint_laws, law_torques, levels, loads, signals_of
 from plants.mujoco_robot.simulation.gear_feedback import link_servos
+from plants.mujoco_robot.simulation.gravity_compensation import compensating
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.chain import limits_of, on_errors, scaled
 from residual_mpc.effects.effect import Effect, Values
@@ -28,7 +30,7 @@ def changing(robot: CompiledRobot, settings: Settings, wanted: tuple[str, ...]) 
     unsteady = [e for e, _ in present(effects, "strength", "limit", "speed limit", "friction") if not e.steady]
     for effect in (*unsteady, *(e for e, _ in on_errors(effects, robot.servo))):
         slow |= ~is_null(effect.name, effects[effect.name]).all(axis=1)
-    for effect, p in present(effects, "servo"):
+    for effect, p in present(effects, "servo", "compensation"):
         slow |= ~is_null(effect.name, p).all(axis=1)
     for law in any_law(effects):
         slow |= ~is_null(law, effects[law]).all(axis=1)
@@ -47,6 +49,9 @@ def between_steps(batch: Any, robot: CompiledRobot, settings: Settings, drive: D
     laws = law_torques(batch, robot, settings, drive)
     if laws is not None:
         updates.append(laws)
+    compensation = compensating(batch, robot, settings, drive)
+    if compensation is not None:
+        updates.append(compensation)
     return updates
 
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from plants.mujoco_robot.native.arm import field_of, numbers_of
 from plants.mujoco_robot.native.arms import Rolled, native_arm
-from plants.mujoco_robot.native.changing import COMPILED, Acting, Changing
+from plants.mujoco_robot.native.chain import ARM, LINK
+from plants.mujoco_robot.native.changing import COMPILED, NOMINAL, Acting, Changing, Weight
 from plants.mujoco_robot.native.running import Running
 from plants.mujoco_robot.simulation.fitted_laws import JointLaw, joint_laws
 from plants.mujoco_robot.simulation.gear_feedback import Feedback
@@ -19,7 +22,7 @@ from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.chain import limits_of, on_errors
 from residual_mpc.effects.effect import Effect, Values
 from residual_mpc.effects.laws import kind_of, stretches_of
-from residual_mpc.effects.library import present
+from residual_mpc.effects.library import changes, present
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
 
@@ -168,6 +171,9 @@ def _changing(
         places = dofs[[robot.joints.index(j) for j in robot.sites["law"]]]
         made["laws"] = tuple(_law(columns, law, places) for law in laws)
         made["damping"] = columns.add(*base["dof_damping"].T)
+    share = changes(effects, "compensated gravity")
+    if share is not None and np.any(share):
+        made["weight"] = _weight(columns, robot, share, drive.setting)
     made["errors"] = tuple(columns.of(e, p, range(nu)) for e, p in on_errors(effects, robot.servo))
     if integrals is not None:
         made["integral"] = columns.of(integrals.effect, integrals.p, range(nu))
@@ -175,6 +181,22 @@ def _changing(
         made["added"] = columns.add(*np.stack([integrals.value, *ends], axis=2).reshape(len(drive.clock), -1).T)
     changing = Changing(len(columns.columns), **made)
     return changing if servos is None else _with_links(changing, robot, servos, columns)
+
+
+def _weight(columns: _Columns, robot: CompiledRobot, share: np.ndarray, setting: np.ndarray | None) -> Weight:
+    """What share (B, 1) of the nominal model's weight is compensated; setting: see Drive."""
+    models = [part.model for part in robot.settings] or [robot.model]
+    numbers = np.stack([_nominal(model) for model in models])
+    first = columns.add(share[:, 0], *(numbers[0] if setting is None else numbers[setting]).T)
+    seen = robot.gears is None or robot.servo_feedback == "link"
+    return Weight(first, () if seen or robot.gears is None else tuple(robot.gears.dofs.tolist()))
+
+
+def _nominal(model: Any) -> np.ndarray:
+    """Gravity, then of each link of a model as its file has it the joint's place, the mass and its centre."""
+    row = numbers_of(model, partial(field_of, model), np.zeros((1, model.nv)))[0]
+    links = row[ARM : ARM + LINK * model.nv].reshape(model.nv, LINK)[:, :NOMINAL]
+    return np.concatenate([row[1:ARM], links.ravel()])
 
 
 def _law(columns: _Columns, law: JointLaw, places: np.ndarray) -> Acting:

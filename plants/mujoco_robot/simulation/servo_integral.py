@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from plants.mujoco_robot.simulation.gravity_compensation import Compensation, compensation_of
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.effect import Effect, Values
 from residual_mpc.effects.library import present
@@ -58,12 +59,13 @@ def begin_integrals(batch: Any, robot: CompiledRobot, settings: Settings, drive:
     stiff = np.where(gain > 0.0, gain, np.inf)
     low, high = (np.where(limited, reach[:, :, side] / stiff, end) for side, end in ((0, -np.inf), (1, np.inf)))
     rate, past, gear = p["gain"], drive.past, robot.model.actuator_gear[:, 0]
+    borne = compensation_of(robot, settings, drive.setting)
     if past is None:
         at = batch.bind("qpos")[:, robot.places[robot.driven]].copy()
-        value = _needed(batch, robot, at, np.zeros_like(at)) / (gear * stiff)
+        value = _needed(batch, robot, at, np.zeros_like(at), borne) / (gear * stiff)
     else:
         bias = batch.expand("actuator_biasprm")[:, :, 2]  # less than 0 where a servo damps
-        needed = _needed(batch, robot, past.first_at, past.first_rate) / gear - gear * bias * past.first_rate
+        needed = _needed(batch, robot, past.first_at, past.first_rate, borne) / gear - gear * bias * past.first_rate
         first = needed / stiff - (past.first_sent - gear * past.first_at)
         first = (1.0 - np.exp(-SETTLING * rate)) * (first - rate * (past.early_sent - gear * past.early_turned))
         value = past.whole * first + rate * (past.sent - gear * past.turned)
@@ -73,8 +75,11 @@ def begin_integrals(batch: Any, robot: CompiledRobot, settings: Settings, drive:
     return ServoIntegrals(effect, p, low, high, drive.enabled, value)
 
 
-def _needed(batch: Any, robot: CompiledRobot, at: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """(B, nu) N m that the motors' joints need at these positions and rates (B, nu), accelerations apart."""
+def _needed(
+    batch: Any, robot: CompiledRobot, at: np.ndarray, rate: np.ndarray, borne: Compensation | None
+) -> np.ndarray:
+    """(B, nu) N m that the motors' joints need at these positions and rates (B, nu), accelerations apart, beside what
+    the controller compensates."""
     q, v = batch.bind("qpos"), batch.bind("qvel")
     bias, passive = batch.bind("qfrc_bias"), batch.bind("qfrc_passive")
     kept = q.copy(), v.copy()
@@ -86,6 +91,6 @@ def _needed(batch: Any, robot: CompiledRobot, at: np.ndarray, rate: np.ndarray) 
         robot.loops.close(q, v)
     batch.forward()
     dofs = robot.dofs[robot.driven]
-    needed = (bias[:, dofs] - passive[:, dofs]).copy()
+    needed = bias[:, dofs] - passive[:, dofs] - (0.0 if borne is None else borne.torques(q)[:, dofs])
     q[:], v[:] = kept
     return np.asarray(needed)

@@ -203,12 +203,20 @@ class CompiledRobot:
             **dict.fromkeys(("elastic", "stop", "law", "law friction"), self._not_rolling),
             **dict.fromkeys(("play", "spring"), self.geared),
             "gravity": robot if self.base is None and self.model.opt.gravity.any() else (),
+            "compensation": robot if self._may_be_compensated else (),
             **dict.fromkeys(("tool", "samples"), robot),
             "link": self.links,
             "length": tuple(self.links[b - 1] for b in lengths),
             "rolling": () if self.wheels is None else robot,
             **self._sensor_sites,
         }
+
+    @property
+    def _may_be_compensated(self) -> bool:
+        """Whether its motors can bear its weight beside their commands: of an open chain on a fixed base, if the model
+        does not compensate gravity itself."""
+        fixed = self.base is None and self.loops is None
+        return fixed and bool(self.model.opt.gravity.any()) and not self.model.body_gravcomp.any()
 
     @cached_property
     def _not_rolling(self) -> tuple[str, ...]:

@@ -10,12 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from plants.mujoco_robot.edits.surroundings import tilted
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from plants.mujoco_robot.symbolic.description import Changes, describe
 from plants.mujoco_robot.symbolic.implicit import linear_step, velocities
 from plants.mujoco_robot.symbolic.numbers import Parameters
-from plants.mujoco_robot.symbolic.rigid_body import mass_and_bias, tool_place
+from plants.mujoco_robot.symbolic.rigid_body import gravity_torques, mass_and_bias, tool_place
 from plants.mujoco_robot.symbolic.torques import JointTorques, casadi_clip
 from residual_mpc.effects.body import TOOL_AXES
 from residual_mpc.effects.chain import Chain
@@ -44,7 +46,9 @@ def motion(robot: CompiledRobot, parameters: Parameters, errors: Chain, kinks: K
     at, speed = q, v
     held: list[Any] = [0.0] * n
     for _ in range(stretches):
-        mass, bias = mass_and_bias(body, pull, at + 0.5 * whole * speed, speed)
+        middle = at + 0.5 * whole * speed
+        mass, bias = mass_and_bias(body, pull, middle, speed)
+        bias = bias - _compensated(robot, parameters, each, middle)
         at, speed, held = _stretch(drives, mass, bias, (at, speed, held), (u, each, push, clock), whole)
     names = ["q", "v", "u", "p", "push", "clock"]
     return ca.Function("motion", [q, v, u, p, push, clock], [at, speed], names, ["q_next", "v_next"], {"cse": True})
@@ -104,6 +108,18 @@ def _gravity(robot: CompiledRobot, parameters: Parameters, p: Sequence[Any], kin
     roll, pitch = changes(here, "gravity roll"), changes(here, "gravity pitch")
     still = robot.model.opt.gravity.tolist()
     return tuple(still) if roll is None or pitch is None else tilted(still, roll, pitch, kinks.exact)
+
+
+def _compensated(robot: CompiledRobot, parameters: Parameters, p: Sequence[Any], q: Any) -> Any:
+    """(n,) N m (N) that the controller adds at positions q: a share of the gravity torques of the nominal model, at
+    joints with a motor."""
+    import casadi as ca
+
+    share = changes(parameters.at(robot.name, p, "compensation"), "compensated gravity")
+    if share is None or not parameters.change("compensated gravity"):
+        return 0.0
+    driven = ca.DM(np.isin(np.arange(len(robot.joints)), robot.driven).astype(float))
+    return share * driven * gravity_torques(describe(robot, Changes()), robot.model.opt.gravity.tolist(), q)
 
 
 def _stretch(

@@ -13,7 +13,7 @@ from residual_mpc.models.stepping import Number, finite
 
 HOSTED: tuple[Site, ...] = (
     "command", "strength", "limit", "speed limit", "damping", "dry friction", "friction", "elastic", "rotor", "tool",
-    "link", "length", "gravity", "law", "law friction", "servo",
+    "link", "length", "gravity", "compensation", "law", "law friction", "servo",
 )  # fmt: skip
 LEFT_OUT: Mapping[str, str] = {
     "spring": "this step has one inertia per joint and does not separate motor and link",
@@ -22,7 +22,7 @@ LEFT_OUT: Mapping[str, str] = {
 }
 # each target adds operations: only those that are not null
 LAWS: tuple[Site, ...] = ("law", "law friction")
-LENGTHENS: tuple[Site, ...] = ("link", "length", "servo", *LAWS)
+LENGTHENS: tuple[Site, ...] = ("link", "length", "servo", "compensation", *LAWS)
 UNITS = {
     "kp": "N m/rad", "kv": "N m s/rad", "damping": "N m s/rad", "armature": "kg m^2", "frictionloss": "N m",
     "mass": "kg",

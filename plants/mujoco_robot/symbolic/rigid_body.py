@@ -17,12 +17,24 @@ def mass_and_bias(d: Description, gravity: Sequence[Any], q: Any, v: Any) -> tup
         import casadi as ca
 
     algorithms = _algorithms(d)
-    still, level = ca.SX.zeros(6), ca.SX.eye(4)
-    turned = q - ca.DM([j.zero for j in d.joints])
-    mass, _ = algorithms.crba(level, turned)
+    mass, _ = algorithms.crba(ca.SX.eye(4), q - ca.DM([j.zero for j in d.joints]))
+    return mass.array[6:, 6:], _bias(algorithms, d, gravity, q, v)
+
+
+def gravity_torques(d: Description, gravity: Sequence[Any], q: Any) -> Any:
+    """g(q) (n,) N m (N): c(q, 0) of `mass_and_bias`."""
+    with extra("arm"):
+        import casadi as ca
+
+    return _bias(_algorithms(d), d, gravity, q, ca.SX.zeros(len(d.joints)))
+
+
+def _bias(algorithms: Any, d: Description, gravity: Sequence[Any], q: Any, v: Any) -> Any:
+    import casadi as ca
+
     pull = ca.vertcat(*[ca.SX(g) for g in gravity], ca.SX.zeros(3))
-    torques = algorithms.rnea(level, turned, still, v, pull)
-    return mass.array[6:, 6:], torques.array[6:]
+    turned = q - ca.DM([j.zero for j in d.joints])
+    return algorithms.rnea(ca.SX.eye(4), turned, ca.SX.zeros(6), v, pull).array[6:]
 
 
 def tool_place(d: Description, q: Any) -> tuple[Any, Any]:

@@ -13,7 +13,7 @@ import numpy as np
 from residual_mpc.effects.body import ARMATURE, LINK_MASS, PAYLOAD
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import HOSTED
-from residual_mpc.effects.surroundings import BASE_TILT, END_STOP
+from residual_mpc.effects.surroundings import BASE_TILT, END_STOP, GRAVITY_COMPENSATION
 from residual_mpc.logs.columns import is_measured
 from residual_mpc.models.contract.demand import ContractBroken, demand
 from residual_mpc.models.contract.optional_members import check_optional
@@ -26,7 +26,7 @@ LENGTH = 0.25  # s replayed
 LEAD = 0.35  # s before it: longer than the longest delay
 ALONE = 1e-9  # relative: a row alone may be summed in another order than within a batch
 # mass on a joint's axis, gravity along it, and a stop beyond the motion change nothing
-MAY_BE_IDLE = (PAYLOAD.name, LINK_MASS.name, BASE_TILT.name, END_STOP.name)
+MAY_BE_IDLE = tuple(e.name for e in (PAYLOAD, LINK_MASS, BASE_TILT, END_STOP, GRAVITY_COMPENSATION))
 
 Predicted = Mapping[str, np.ndarray]
 

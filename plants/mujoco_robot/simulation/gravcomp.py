@@ -1,0 +1,42 @@
+"""A compensation of gravity in an MJCF: `gravcomp`, an upward force at the centre of mass of each body."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from plants.mujoco_robot.simulation.constants import corrected_constants
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from residual_mpc.effects.library import changes
+from residual_mpc.effects.surroundings import GRAVITY_COMPENSATION
+from residual_mpc.models.settings import Settings
+
+if TYPE_CHECKING:
+    import mujoco
+
+ROUNDED = 1e-12  # m: a centre of mass within it is unchanged
+
+
+def why_no_gravcomp(robot: CompiledRobot, settings: Settings) -> str:
+    """Why an MJCF cannot hold the compensation beside the other effects; empty where it can, or there is none."""
+    name = GRAVITY_COMPENSATION.name
+    if name not in settings.effects:
+        return ""
+    if len(np.unique(robot.driven)) < len(robot.joints):
+        return "gravcomp acts on joints without a motor as well"
+    new = corrected_constants(robot, settings.without(name))
+    moved = np.abs(new.get("body_ipos", robot.model.body_ipos) - robot.model.body_ipos).max() > ROUNDED
+    if moved or "body_pos" in new or "opt.gravity" in new:
+        return "gravcomp follows the centres of mass, lengths and tilt that other effects change"
+    return ""
+
+
+def write_gravcomp(spec: "mujoco.MjSpec", robot: CompiledRobot, settings: Settings) -> None:
+    """Write the share of each body's nominal weight that is compensated: gravcomp times its mass in the file."""
+    share = changes(settings.effects, "compensated gravity")
+    if share is None:
+        return
+    nominal = robot.model.body_mass
+    mass = corrected_constants(robot, settings).get("body_mass", nominal)
+    for body in spec.bodies:
+        if mass[body.id] > 0.0:
+            body.gravcomp = float(share[0, 0] * nominal[body.id] / mass[body.id])

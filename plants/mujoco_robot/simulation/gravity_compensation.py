@@ -1,0 +1,82 @@
+"""Torques of a controller that bear the weight of the modelled robot (PD control with gravity compensation: Siciliano
+et al., Robotics: Modelling, Planning and Control, 2009, section 8.5.1)."""
+
+from collections.abc import Callable
+from copy import copy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from residual_mpc.effects.library import changes, present
+from residual_mpc.models.protocol import Drive
+from residual_mpc.models.settings import Settings
+
+
+@dataclass(frozen=True, eq=False)
+class Compensation:
+    """share (B, 1): of the gravity torques; nominal: a batch of the model as its file has it, whatever payload, masses,
+    lengths or tilt the rows have: the controller knows of none of them."""
+
+    robot: CompiledRobot
+    share: np.ndarray
+    nominal: Any
+
+    def torques(self, q: np.ndarray) -> np.ndarray:
+        """(B, nv) N m (N) that the motors add at positions q (B, nq): share g(q), with g(q) the bias force at rest
+        (MuJoCo, Computation, general framework); 0 at joints without a motor."""
+        import mujoco
+
+        gears, place = self.robot.gears, self.nominal.bind("qpos")
+        weight = self.nominal.bind("qfrc_bias")  # what is bound later is not filled
+        place[:] = q
+        if gears is not None and self.robot.servo_feedback == "motor":
+            place[:, gears.places] = 0.0
+        self.nominal.forward(stage=int(mujoco.mjtStage.mjSTAGE_VEL))
+        out = np.zeros((len(q), self.robot.model.nv))
+        dofs = self.robot.dofs[np.unique(self.robot.driven)]
+        out[:, dofs] = self.share * weight[:, dofs]
+        return out
+
+
+def compensation_of(robot: CompiledRobot, settings: Settings, setting: np.ndarray | None) -> Compensation | None:
+    """The compensation in the rows, of the settings numbered `setting` (B,); None without any."""
+    import mujoco
+    from mujoco.batch import Batch
+
+    share = changes(settings.effects, "compensated gravity")
+    if share is None or not np.any(share):
+        return None
+    model, off = copy(robot.model), mujoco.mjtDisableBit
+    model.opt.disableflags |= int(off.mjDSBL_CONTACT) | int(off.mjDSBL_CONSTRAINT)
+    nominal = Batch(model, settings.rows, nthread=1)
+    if robot.differing and setting is not None:
+        for field in robot.differing:
+            nominal.expand(field)[:] = np.stack([getattr(r.model, field) for r in robot.settings])[setting]
+    nominal.reset()
+    nominal.bind("qvel")[:] = 0.0
+    return Compensation(robot, np.asarray(share), nominal)
+
+
+def compensating(
+    batch: Any, robot: CompiledRobot, settings: Settings, drive: Drive
+) -> Callable[[int, np.ndarray, np.ndarray], None] | None:
+    """(step, joint speeds, force) -> None: adds to the torques of laws, which were written before; None without any
+    compensation. A motor that is off adds nothing."""
+    compensation = compensation_of(robot, settings, drive.setting)
+    if compensation is None:
+        return None
+    q, applied = batch.bind("qpos"), batch.bind("qfrc_applied")
+    ruled, dofs = bool(any(present(settings.effects, "law"))), robot.dofs[robot.driven]
+
+    def update(k: int, speed: np.ndarray, force: np.ndarray) -> None:
+        torque = compensation.torques(q)
+        if drive.enabled is not None:
+            on = np.zeros_like(torque)
+            for i, dof in enumerate(dofs.tolist()):
+                on[:, dof] = np.maximum(on[:, dof], drive.enabled[:, k, i])
+            torque *= on
+        applied[:] = applied + torque if ruled else torque
+
+    return update
