@@ -124,6 +124,15 @@ def test_paths_are_files_folders_and_patterns(tmp_path: Path) -> None:
         read_runs([], ROBOT)
 
 
+def test_a_text_table_is_read_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text(text().replace(",", "\t"))
+    for given in (path, str(tmp_path / "*.txt")):
+        assert [run.name for run in read_runs([given], ROBOT).runs] == ["a"]
+    with pytest.raises(BadInput, match=r"a\.txt may be a table. Give text tables by name"):
+        read_runs([tmp_path], ROBOT)
+
+
 def test_the_column_run_tells_runs_apart(tmp_path: Path) -> None:
     columns = table()
     both = pd.concat([pd.DataFrame({"run": 1.0, **columns}), pd.DataFrame({"run": 2.0, **columns})])
