@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from residual_mpc.logs.finding import Finding
-from residual_mpc.models.robot_file import RobotFile, for_run
+from residual_mpc.models.robot_file import WHEELS, RobotFile, for_run
 
-LARGEST = {"wheel_radius": 2.0, "track_width": 20.0}  # m, above those of any robot on wheels
+LARGEST = dict(zip(WHEELS, (2.0, 20.0), strict=True))  # m, above those of any robot on wheels
 NARROWEST = 0.2  # of the wheels' radius, below the track of any robot on wheels
 
 
@@ -18,13 +18,15 @@ def implausible_sizes(robot: RobotFile, run_names: Sequence[str]) -> list[Findin
 
 
 def _of(file: RobotFile) -> Iterator[Finding]:
-    sizes = {name: file.parameters[name] for name in LARGEST if name in file.parameters}
+    sizes = {name: file.parameters[name] for name in WHEELS if name in file.parameters}
     large = [name for name, size in sizes.items() if size > LARGEST[name]]
     for name in large:
         yield _warning(f"{name} is {sizes[name]:g} m, more than {LARGEST[name]:g} m")
-    if not large and len(sizes) == 2 and sizes["track_width"] < NARROWEST * sizes["wheel_radius"]:
-        track, radius = sizes["track_width"], sizes["wheel_radius"]
-        yield _warning(f"track_width is {track:g} m, less than {NARROWEST:g} times wheel_radius, {radius:g} m")
+    if large or len(sizes) < len(WHEELS):
+        return
+    radius, track = (sizes[name] for name in WHEELS)
+    if track < NARROWEST * radius:
+        yield _warning(f"{WHEELS[1]} is {track:g} m, less than {NARROWEST:g} times {WHEELS[0]}, {radius:g} m")
 
 
 def _warning(message: str) -> Finding:
