@@ -26,6 +26,7 @@ from residual_mpc.logs.signals import fresh_samples
 from residual_mpc.models.facts import check_columns, facts_of
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import RobotFile
+from residual_mpc.models.wheel_sizes import implausible_sizes
 from residual_mpc.report.words.numbers import count
 
 if TYPE_CHECKING:
@@ -103,7 +104,7 @@ def _examine(robot: NominalRobot, paths: Sequence[str]) -> tuple[tuple[Run, ...]
     read, findings = _read(robot.file, paths)
     dated, stamped = with_sampling_times(read)
     read, lost = with_lost_rows(dated)
-    findings += [*stamped, *lost]
+    findings += [*stamped, *lost, *implausible_sizes(robot.file, [run.name for run in read])]
     models, fitting = RunModels(robot), []
     for run in read:
         try:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from residual_mpc.api.diagnosis import effect_names
 from residual_mpc.api.display import page
+from residual_mpc.api.effect_names import effect_names, possible_effects
 from residual_mpc.api.given import check_given, check_seconds
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.run_models import RunModels
@@ -114,7 +114,7 @@ def compare(
 
     Raises:
         BadInput: runs that cannot be used or are in both sets, a set too short to tell how much runs of it differ, or
-            an effect that does not exist.
+            an effect that does not exist or, in `only`, that the robot cannot have.
     """
     check_given(robot, before, after)
     check_seconds(horizon, "horizon")
@@ -128,7 +128,7 @@ def compare(
     made = RunModels(robot)
     options = Options(
         horizon=horizon,
-        only=effect_names(only, "--only"),
+        only=possible_effects(only, "--only", (*before.models, *after.models)),
         without=effect_names(without, "--without"),
         without_because=not_commanded(robot.model, measured_over(robot.file, list(names))),
     )

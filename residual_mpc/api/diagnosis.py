@@ -2,7 +2,7 @@
 
 import os
 import shlex
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -14,6 +14,7 @@ import numpy as np
 from residual_mpc.api.diagnosis_files import excite_command, write_answer, write_whole
 from residual_mpc.api.display import page
 from residual_mpc.api.early_answers import SO_FAR, EarlyAnswers
+from residual_mpc.api.effect_names import effect_names, possible_effects
 from residual_mpc.api.given import check_given, check_seconds
 from residual_mpc.api.resume import checkpoint_in, key_of
 from residual_mpc.api.robot import NominalRobot
@@ -29,12 +30,10 @@ from residual_mpc.diagnosis.results.records import Diagnosis as Record
 from residual_mpc.diagnosis.results.records import DiagnosisResult
 from residual_mpc.diagnosis.search.measured_commands import not_commanded
 from residual_mpc.effects.laws import FITTED_LAW
-from residual_mpc.effects.library import LIBRARY
 from residual_mpc.errors import BadInput
 from residual_mpc.experiment.propose import propose
 from residual_mpc.export.augmented import settings_from
 from residual_mpc.learning.batch.network_learner import LEARNERS
-from residual_mpc.logs.columns import did_you_mean
 from residual_mpc.logs.digest import run_digests
 from residual_mpc.models.model_file import Written, model_in
 from residual_mpc.models.robot_file import measured_over
@@ -48,7 +47,6 @@ from residual_mpc.report.words.rest import rest_sentence
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-KNOWN = (*(e.name for e in LIBRARY), FITTED_LAW)  # names that `only` and `without` take
 Progress = Callable[[str, float], None]  # what is done, and the share of it all that is behind
 
 
@@ -179,15 +177,15 @@ def diagnose(
             effects. With `out` the latest set is in its unfinished.json until the answer takes its place.
 
     Raises:
-        BadInput: runs that cannot be used or compared, an effect or run that does not exist, or a start of another
-            robot.
+        BadInput: runs that cannot be used or compared, an effect or run that does not exist, an effect in `only` that
+            the robot cannot have, or a start of another robot.
     """
     check_given(robot, runs)
     check_seconds(horizon, "horizon")
     because = not_commanded(robot.model, measured_over(robot.file, list(runs.names)))
     options = Options(
         horizon=horizon,
-        only=effect_names(only, "--only"),
+        only=possible_effects(only, "--only", runs.models),
         without=effect_names(without, "--without"),
         without_because=because,
         held_out=_kept(held_out, runs.names) if held_out else None,
@@ -263,15 +261,6 @@ def _command(
     if start is not None:
         words += ["--from", str(start) if isinstance(start, str | Path) else "earlier/diagnosis.json"]
     return shlex.join([*words, "--horizon", f"{options.horizon:g}", "--seed", str(seed), "--out", "out"])
-
-
-def effect_names(names: Iterable[str], option: str) -> tuple[str, ...]:
-    """The names. Raises BadInput for one that is no effect."""
-    names = (names,) if isinstance(names, str) else tuple(names)
-    for name in names:
-        if name not in KNOWN:
-            raise BadInput(f"unknown effect {name!r}", option, did_you_mean(name, KNOWN))
-    return names
 
 
 def _kept(given: Sequence[str], names: Sequence[str]) -> tuple[KeptBack, ...]:

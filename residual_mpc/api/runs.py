@@ -19,6 +19,7 @@ from residual_mpc.logs.sampling_times import with_sampling_times
 from residual_mpc.models.facts import check_columns, facts_of
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import noise_over
+from residual_mpc.models.wheel_sizes import implausible_sizes
 from residual_mpc.report.words.numbers import count
 
 if TYPE_CHECKING:
@@ -96,8 +97,10 @@ def read_runs(robot: NominalRobot, paths: Paths) -> Runs:
     check_columns(result.runs, models)
     dated, stamped = with_sampling_times(result.runs)
     runs, lost = with_lost_rows(dated)
-    findings = (*result.findings, *stamped, *lost, *audit(runs, facts_of(robot.model)))
-    noise = noise_over(robot.file, [run.name for run in runs])
+    names = [run.name for run in runs]
+    sizes = implausible_sizes(robot.file, names)
+    findings = (*sizes, *result.findings, *stamped, *lost, *audit(runs, facts_of(robot.model)))
+    noise = noise_over(robot.file, names)
     return Runs(runs, tuple(models), noise, findings, given)
 
 

@@ -71,7 +71,8 @@ def show_findings(findings: "Sequence[Finding]") -> None:
     for f in findings:
         if f.severity != "info":
             where = ", ".join(str(x) for x in (f.run, f.column) if x)
-            click.echo(f"{f.severity}: {where}: {f.message}. {f.remedy}".replace("..", "."), err=True)
+            place = f"{where}: " if where else ""
+            click.echo(f"{f.severity}: {place}{f.message}. {f.remedy}".replace("..", "."), err=True)
     noted = sum(f.severity == "info" for f in findings)
     if noted:
         click.echo(

@@ -186,7 +186,10 @@ LINK_MASS = Effect(
     null_target=False,
     site="link",
     imitates=frozenset({"position"}),
-    phrase=Phrase("{who} is {mass} heavier than modelled"),
+    phrase=Phrase(
+        "{who} is {mass} heavier than modelled",
+        instead={"com": "the centre of mass of {who} is {com} farther from its joint than modelled"},
+    ),
     nouns={"mass": Noun("mass", "excess"), "com": Noun("distance of the centre of mass", "excess")},
 )
 

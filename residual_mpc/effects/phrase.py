@@ -28,6 +28,8 @@ class Phrase:
     optional: Mapping[str, str] = field(default_factory=dict)
     shares: tuple[str, ...] = ()  # parameters that read better as a percentage
     by_unit: Mapping[str, str] = field(default_factory=dict)  # unit -> the text in place of `text`
+    # of a number that `text` does not name, the text in its place where this number alone is clearly there
+    instead: Mapping[str, str] = field(default_factory=dict)
 
     def who(self, target: str | None, kind: str) -> str:
         """The target, as the clause names it. kind: of target, a key of TARGETS."""

@@ -9,7 +9,6 @@ from typing import Any
 
 from residual_mpc.errors import BadInput
 from residual_mpc.init.columns.guess import LogCorrection
-from residual_mpc.init.columns.recording import dates_as_numbers
 from residual_mpc.logs.readers.cells import numbers_or_none
 from residual_mpc.logs.readers.find import find_tables, stem
 from residual_mpc.logs.readers.headers import read_headers
@@ -56,7 +55,6 @@ def _mended(header: Header, mends: Sequence[LogCorrection]) -> dict[str, Any]:
     columns = dict(header.read(header.names).columns)
     for mend in (m for m in mends if m.column in columns):
         values = numbers_or_none(columns[mend.column])
-        values = dates_as_numbers(columns[mend.column], mend.column) if values is None else values
         if values is not None:
             columns[mend.column] = pa.array(mend.factor * values + mend.offset, from_pandas=True)
     return columns

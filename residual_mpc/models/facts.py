@@ -10,6 +10,8 @@ from residual_mpc.logs.run import Run
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
 
+PLACE, HEADING = ("pose.x", "pose.y"), "pose.theta"
+
 
 def facts_of(robot: Robot) -> RobotFacts:
     """Names and kinds, for the audit."""
@@ -31,7 +33,8 @@ def facts_of(robot: Robot) -> RobotFacts:
 
 
 def check_columns(runs: Sequence[Run], robots: Sequence[Robot]) -> None:
-    """Every actuator needs a command, and something has to be measured that the robot can predict.
+    """Every actuator needs a command, something has to be measured that the robot can predict, and a position on the
+    plane needs a heading.
 
     Raises BadInput with the run, the column that is missing and the nearest that is there.
     """
@@ -65,3 +68,17 @@ def check_columns(runs: Sequence[Run], robots: Sequence[Robot]) -> None:
                 f"{run.source}, run {run.name}",
                 f"it predicts {', '.join(robot.channels[:8])}; map your columns under [log] in the robot file",
             )
+        _check_heading(run, robot)
+
+
+def _check_heading(run: Run, robot: Robot) -> None:
+    """A position on the plane can only be predicted from the heading at the start of a window."""
+    place = " and ".join(c for c in PLACE if c in run.measured)
+    if HEADING not in robot.channels or HEADING in run.measured or not place:
+        return
+    raise BadInput(
+        f"{place} cannot be predicted without the heading {HEADING}, which this run lacks",
+        f"{run.source}, run {run.name}",
+        f"log the heading as {HEADING} (rad), or map its column under [log] in the robot file; without one, remove "
+        f"{place} and log the wheel speeds (velocity.<wheel>) or the yaw rate (twist.theta)",
+    )

@@ -83,6 +83,12 @@ def test_an_effect_that_nobody_knows(robot: rm.NominalRobot, folder: Path, optio
         rm.compare(robot, *sets, **chosen)
 
 
+def test_an_effect_that_the_robot_cannot_have(robot: rm.NominalRobot, folder: Path) -> None:
+    sets = (runs(robot, folder, "r0", "r1"), runs(robot, folder, "r2", "r3"))
+    with pytest.raises(rm.BadInput, match=r"--only: rover cannot have the effect 'payload'"):
+        rm.compare(robot, *sets, only="payload")
+
+
 def test_runs_that_the_audit_forbids(robot: rm.NominalRobot, folder: Path, tmp_path: Path) -> None:
     run = rover_run("degrees", {}, 8.0, seed=9)
     turned = {**run.columns, "pose.theta": np.degrees(run.columns["pose.theta"])}

@@ -93,6 +93,28 @@ def test_a_table_that_cannot_be_read_is_a_finding_beside_those_that_can(
         rm.read_runs(robot, [folder / "runs", tmp_path])
 
 
+def test_a_position_without_a_heading_is_refused_in_the_run_that_lacks_it(
+    folder: Path, robot: rm.NominalRobot, tmp_path: Path
+) -> None:
+    run = rover_run("gps", {}, 4.0)
+    write_run(replace(run, columns={k: v for k, v in run.columns.items() if k != "pose.theta"}), tmp_path)
+    both = [folder / "runs", tmp_path]
+    with pytest.raises(
+        rm.BadInput, match=r"run gps: pose\.x and pose\.y cannot .* without the heading .*Log the heading"
+    ):
+        rm.read_runs(robot, both)
+    check = rm.check(robot, both)
+    assert [f.run for f in check.errors] == ["gps"] and "pose.theta" in check.errors[0].message
+
+
+@pytest.mark.parametrize("kept", ["velocity.left", "twist.theta"])
+def test_speeds_need_no_heading(robot: rm.NominalRobot, tmp_path: Path, kept: str) -> None:
+    run = rover_run("speeds", {}, 4.0)
+    commands = {k: v for k, v in run.columns.items() if k.startswith("command")}
+    write_run(replace(run, columns={**commands, kept: run.columns["command.left"]}), tmp_path)
+    assert rm.read_runs(robot, tmp_path).names == ("speeds",) and rm.check(robot, tmp_path).usable
+
+
 def test_paths_that_name_nothing_are_a_finding(robot: rm.NominalRobot, tmp_path: Path) -> None:
     check = rm.check(robot, tmp_path / "nothing")
     assert not check.usable and check.runs == () and "nothing" in str(check)
@@ -113,6 +135,10 @@ def test_a_case_that_there_is_not_is_refused_with_those_that_there_are(robot: rm
         (lambda robot, runs: rm.excite("robot.toml"), "robot must be a NominalRobot"),
         (lambda robot, runs: rm.compare(robot, runs, [runs]), "runs must be Runs, got list"),
         (lambda robot, runs: rm.diagnose(robot, runs, only="nope"), "unknown effect 'nope'"),
+        (
+            lambda robot, runs: rm.diagnose(robot, runs, only=("command_delay", "payload")),
+            "--only: rover cannot have the effect 'payload'. The effects that it can have are command_delay, dead_zone",
+        ),
         (lambda robot, runs: rm.diagnose(robot, runs, horizon=-1.0), "positive number of seconds, got -1.0"),
         (lambda robot, runs: rm.measure_gap(robot, runs, horizon=float("nan")), "positive number of seconds, got nan"),
         (lambda robot, runs: rm.learn(robot, runs, step=-1.0), "positive number of seconds, got -1.0"),

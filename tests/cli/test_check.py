@@ -62,3 +62,14 @@ def test_faults_of_one_kind_share_a_line(folder: Path, capsys: pytest.CaptureFix
         (folder / name).write_text((folder / "text.csv").read_text())
     status, out, _ = check(folder, capsys, "twin1.csv", "twin2.csv")
     assert status == 2 and out.count("must be a number") == 1 and "and 1 more" in out
+
+
+def test_a_track_in_millimetres_is_remarked(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wide = folder / "wide.toml"
+    wide.write_text(ROBOT.replace("0.16", "160"))
+    for command in ("check", "gap"):
+        with pytest.raises(SystemExit) as end:
+            main([command, "--robot", str(wide), str(folder / "one.csv")])
+        said = capsys.readouterr()
+        assert not end.value.code
+        assert "warning: track_width is 160 m, more than 20 m" in said.out + said.err

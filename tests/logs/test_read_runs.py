@@ -44,6 +44,10 @@ def test_csv_and_parquet_are_the_same_run(tmp_path: Path) -> None:
         lambda s: s.replace("\n", "\n\n").encode(),
         lambda s: s.replace(",", " , ").encode(),
         lambda s: ("# " + s).encode(),
+        lambda s: ("# recorded by the cell, run 4\n\n" + s).encode(),
+        lambda s: ("# left, right, x, y\n# t, l, r, x\n" + s).encode(),
+        lambda s: ("# recorded at 20 \xb0C\n").encode("latin-1") + s.encode(),
+        lambda s: ("# recorded by the cell\n# " + s).encode(),
         lambda s: s.replace(",", ";").encode(),
         lambda s: s.replace(",", "\t").encode(),
         lambda s: s.replace(",", ";").replace(".", ",").replace("d,", "d.").replace("e,", "e.").encode(),
@@ -76,6 +80,12 @@ def test_dress_does_not_matter(tmp_path: Path, dress: Callable[[str], bytes]) ->
         (lambda s: s.replace("0.04,1", '0.04,"1,5"'), "got '1,5'"),
         (lambda s: s.replace("0.04,1", "0.04,1,5"), "data row 3 must have 4 cells, got 5"),
         (lambda s: s.replace("0.04,1,", "0.04,"), "data row 3 must have 4 cells, got 3"),
+        (lambda s: "# a note\n\n" + s.replace("0.04,1,", "0.04,"), "data row 3 must have 4 cells, got 3"),
+        (
+            lambda s: "# a note\n" + s.replace("0.04,1", "0.04,one"),
+            "data row 3 of column 'command.left' must be a number",
+        ),
+        (lambda s: "# only a note\n", "no rows"),
         (lambda s: s.replace("0.04,1", '0.04,"1'), "unclosed quote"),
         (lambda s: s.replace(",1,", ",,"), "has no value"),
         (lambda s: s.replace("0.04,", "0.40,"), "data row 4 has t = 0.06 s"),
@@ -112,6 +122,15 @@ def test_paths_are_files_folders_and_patterns(tmp_path: Path) -> None:
             read_runs([missing], ROBOT)
     with pytest.raises(BadInput):
         read_runs([], ROBOT)
+
+
+def test_a_text_table_is_read_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text(text().replace(",", "\t"))
+    for given in (path, str(tmp_path / "*.txt")):
+        assert [run.name for run in read_runs([given], ROBOT).runs] == ["a"]
+    with pytest.raises(BadInput, match=r"a\.txt may be a table. Give text tables by name"):
+        read_runs([tmp_path], ROBOT)
 
 
 def test_the_column_run_tells_runs_apart(tmp_path: Path) -> None:

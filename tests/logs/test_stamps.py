@@ -87,3 +87,52 @@ def test_a_message_shows_the_stamp_as_it_was_logged(tmp_path: Path) -> None:
     stamps[[10, 20, 30]] -= 0.5
     with pytest.raises(BadInput, match=r"has t = 1759999999\.7"):
         read_runs([logged(tmp_path, stamps)], ROBOT)
+
+
+DATES = pd.Series(pd.to_datetime(COUNT))
+
+
+@pytest.mark.parametrize(
+    "t",
+    [
+        DATES.dt.strftime("%Y-%m-%d %H:%M:%S.%f"),
+        DATES.dt.strftime("%Y-%m-%dT%H:%M:%S.%fZ"),
+        DATES.dt.tz_localize("UTC").dt.tz_convert("Asia/Tokyo").map(lambda date: date.isoformat()),
+        [None if i == 7 else date.isoformat() for i, date in enumerate(DATES)],
+        [date.isoformat(sep=" ").removesuffix(".000000") for date in DATES.dt.round("10ms")],
+    ],
+)
+def test_dates_are_read_as_seconds(tmp_path: Path, t: object) -> None:
+    result = read_runs([logged(tmp_path, t)], ROBOT)
+    (run,) = result.runs
+    every = 0.02 * np.arange(50)
+    np.testing.assert_allclose(run.t, every if len(run.t) == 50 else np.delete(every, 7), rtol=0.0, atol=2e-6)
+    assert run.start == pytest.approx(1e-9 * EPOCH, abs=0.01)
+    assert ("info", "stamps as dates") in [(f.severity, f.kind) for f in result.findings]
+
+
+@pytest.mark.parametrize("zone", [None, "Europe/Berlin"])
+def test_dates_of_a_parquet_table_keep_every_digit(tmp_path: Path, zone: str | None) -> None:
+    stamps = DATES if zone is None else DATES.dt.tz_localize("UTC").dt.tz_convert(zone)
+    (run,) = read_runs([logged(tmp_path, stamps, "run.parquet")], ROBOT).runs
+    np.testing.assert_allclose(run.t, 1e-9 * STEP * np.arange(50), rtol=0.0, atol=1e-12)
+
+
+def test_dates_of_a_computer_without_a_clock(tmp_path: Path) -> None:
+    (run,) = read_runs([logged(tmp_path, pd.to_datetime(10**15 + STEP * np.arange(50)))], ROBOT).runs
+    np.testing.assert_allclose(run.t, 1e-9 * STEP * np.arange(50), rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("odd", "said"),
+    [
+        ("soon", "data row 4 of column 't' must be a date and time like the first, '2025-"),
+        ("0.06", "got '0.06'"),
+        ("2025-10-09T08:53:20.5Z", "with a UTC offset in every row or in none"),
+    ],
+)
+def test_a_stamp_that_is_no_date_like_the_others_is_named(tmp_path: Path, odd: str, said: str) -> None:
+    stamps = [odd if i == 3 else date.isoformat() for i, date in enumerate(DATES)]
+    with pytest.raises(BadInput, match=r"run\.csv") as raised:
+        read_runs([logged(tmp_path, stamps)], ROBOT)
+    assert said in str(raised.value)

@@ -127,6 +127,25 @@ def test_clauses_fit_arms_and_wheels(effect, target, parameters, text):
     assert plain(sentence_of({"effect": effect, "target": target, "parameters": written})) == text
 
 
+@pytest.mark.parametrize(
+    ("mass", "com", "text"),
+    [
+        ((0.2, [0.1, 0.3]), (-0.089, [-0.11, -0.07]), "link load is 0.2 kg heavier than modelled"),
+        ((-0.018, [-0.17, 0.328]), (0.01, [-0.02, 0.04]), "link load is 18 g lighter than modelled"),
+        ((-0.018, None), (-0.089, [-0.11, -0.07]), "link load is 18 g lighter than modelled"),
+        ((-0.018, [-0.17, 0.328]), (-0.089, None), "link load is 18 g lighter than modelled"),
+        ((-0.018, [-0.17, 0.328]), (-0.089, [-0.11, -0.07]),
+         "the centre of mass of link load is 89 mm closer to its joint than modelled"),
+        ((0.018, [-0.17, 0.328]), (0.089, [0.07, 0.11]),
+         "the centre of mass of link load is 89 mm farther from its joint than modelled"),
+    ],
+)  # fmt: skip
+def test_a_clause_names_the_number_that_is_clearly_there(mass, com, text):
+    parameters = {"mass": dict(zip(("value", "ci95"), mass, strict=True), unit="kg"),
+                  "com": dict(zip(("value", "ci95"), com, strict=True), unit="m")}  # fmt: skip
+    assert plain(sentence_of({"effect": "link_mass", "target": "load", "parameters": parameters})) == text
+
+
 def test_a_fitted_law_is_told_from_an_effect_with_a_name():
     law = {"effect": "fitted_law", "target": "j2", "on": "the speed of j2",
            "parameters": {"values": {"value": [0.1, -0.2], "unit": "N m"}}}  # fmt: skip

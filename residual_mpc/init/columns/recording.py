@@ -84,7 +84,7 @@ def _read(header: Header) -> list[Recording]:
     for name, column in table.columns.items():
         values = numbers_or_none(column)
         if values is None:
-            values = dates_as_numbers(column, name)
+            values = _dates_as_numbers(column, name)
             if values is not None:
                 dates.append(name)
         if values is None:
@@ -158,7 +158,7 @@ def _split(whole: Recording, run_column: str, column: Any) -> list[Recording]:
     return parts
 
 
-def dates_as_numbers(column: Any, name: str) -> FloatArray | None:
+def _dates_as_numbers(column: Any, name: str) -> FloatArray | None:
     """(n,) ns since 1970 of a column of dates, None where it holds anything else."""
     import pandas as pd
     import pyarrow as pa

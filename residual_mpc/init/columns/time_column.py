@@ -65,13 +65,8 @@ def find_clock(recordings: Sequence[Recording]) -> Clock:
         Guess(f"unit of {best}", unit, reason, sure),
     ]
     mends: list[LogCorrection] = []
-    if any(best in r.dates for r in recordings):
-        why = "times must be numbers in s, got dates (the factor is for ns since 1970)"
-        mends.append(LogCorrection(best, 1e-9, 0.0, why, 1.0))
-    elif unit != "s" and not (unit == "ns" and _read_as_nanoseconds(best, recordings)):
-        mends.append(
-            LogCorrection(best, UNITS[unit], 0.0, f"times must be in s, got {unit}: {reason}", sure)
-        )
+    if unit != "s" and not (unit == "ns" and _read_as_nanoseconds(best, recordings)):
+        mends.append(LogCorrection(best, UNITS[unit], 0.0, f"times must be in s, got {unit}: {reason}", sure))
     return Clock(best, UNITS[unit], tuple(guesses), tuple(mends))
 
 
@@ -82,8 +77,10 @@ def seconds(clock: Clock, recording: Recording) -> FloatArray:
 
 
 def _read_as_nanoseconds(name: str, recordings: Sequence[Recording]) -> bool:
-    """Whether a column needs no mending, since every command reads it as nanoseconds by itself."""
-    return all(r.unit == "ns" or count_from_start(r.columns[name], None).unit == "ns" for r in recordings)
+    """Whether a column needs no mending, since every command reads it as nanoseconds by itself, or as dates."""
+    return all(
+        r.unit == "ns" or name in r.dates or count_from_start(r.columns[name], None).unit == "ns" for r in recordings
+    )
 
 
 def _named(name: str) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from residual_mpc.errors import BadInput
+from residual_mpc.logs.readers.dates import EXAMPLE
 from residual_mpc.logs.run import FloatArray
 
 LARGEST = 1e9  # no quantity of the log format comes near; beyond it stand sentinels such as 3.4e38
@@ -24,7 +25,7 @@ def numbers(column: Any, name: str, where: str) -> FloatArray:
         row, text = _first_text(column)
         remedy = "leave the cell empty if the value is missing; use decimal points"
         if name == "t":
-            remedy = "write the time stamps as numbers in seconds"
+            remedy = f"write the time stamps as numbers in seconds, or as dates with times such as {EXAMPLE}"
         what = f"data row {row + 1} of column {name!r} must be a number, got {text!r}"
         raise BadInput(what, where, remedy)
     bad = np.flatnonzero(np.abs(values) > LARGEST * (1e12 if name == "t" else 1.0))

@@ -15,6 +15,7 @@ TABLES = (".parquet", ".csv", ".csv.gz", ".tsv")
 RECORDINGS = (".mcap", ".db3", ".bag")
 ARRAYS = (".h5", ".hdf5", ".npz", ".mat")
 SUFFIXES = TABLES + RECORDINGS + ARRAYS
+TEXT = ".txt"  # a table if it is given by name; in a folder it may be notes
 BAG = "metadata.yaml"  # in the folder of a rosbag2
 BAG_MARK = b"rosbag2_bagfile_information"  # in that file
 MANY = 50  # files of a folder that are examined for an error message
@@ -128,6 +129,10 @@ def _no_run(folder: Path, inside: Sequence[Path]) -> BadInput:
             f"give {deeper.parent}, or a pattern such as '{folder}/**/*{deeper.suffix}': tables are not looked for in "
             "folders below",
         )  # fmt: skip
+    text = next((file for file in inside if file.suffix.lower() == TEXT), None)
+    if text is not None:
+        remedy = f"give text tables by name, or by a pattern such as '{folder}/*{text.suffix}'"
+        return BadInput(f"this folder contains no runs; {text.name} may be a table", str(folder), remedy)
     return BadInput("this folder contains no runs", str(folder), f"runs are files ending in {', '.join(SUFFIXES)}")
 
 

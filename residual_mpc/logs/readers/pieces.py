@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.clock import IntArray
 from residual_mpc.logs.readers.cells import labels, numbers, numbers_or_none, whole_numbers
+from residual_mpc.logs.readers.dates import as_nanoseconds
 from residual_mpc.logs.readers.find import stem
 from residual_mpc.logs.readers.layout import ColumnNames, lay_out, recognised
 from residual_mpc.logs.readers.table import Header, Remark
@@ -26,6 +27,7 @@ class Piece:
     rows: NDArray[np.intp]  # (m,) rows of the table
     cells: dict[str, FloatArray]  # column of numbers -> (rows of the table,)
     whole: dict[str, IntArray]  # those that may be the time and hold whole numbers alone
+    dates: frozenset[str]  # those that may be the time and held dates, which are now ns since 1970
     left_out: tuple[str, ...]  # unknown columns that were not read
     warnings: tuple[str, ...]
     remarks: tuple[Remark, ...]
@@ -39,6 +41,13 @@ def pieces_of(header: Header, names: tuple[str, ...], robot: ColumnNames) -> Ite
     layout = lay_out(header, robot.log)
     run_column = layout.columns.get("run")
     clocks = {lay_out(header, log).columns.get("t") for log in robot.logs}
+    columns = dict(table.columns)
+    dates = set()
+    for name in columns.keys() & clocks:
+        stamps = as_nanoseconds(columns[name], "t", where)
+        if stamps is not None:
+            columns[name] = stamps
+            dates.add(name)
     cells = {}
     for name in names:
         if name == run_column:
@@ -48,14 +57,14 @@ def pieces_of(header: Header, names: tuple[str, ...], robot: ColumnNames) -> Ite
                 raise BadInput(table.faults[name], where, "write lists of equal length, or one column per element")
             continue
         shown = "t" if name == layout.columns.get("t") else name  # the time has a message of its own
-        values = numbers(table.columns[name], shown, where) if name in needed else None
-        values = numbers_or_none(table.columns[name]) if values is None else values
+        values = numbers(columns[name], shown, where) if name in needed else None
+        values = numbers_or_none(columns[name]) if values is None else values
         if values is not None:
             cells[name] = values
     left_out = tuple(name for name in header.names if name not in names)
-    stamps = {name: whole_numbers(table.columns[name]) for name in cells if name in clocks}
-    whole = {name: values for name, values in stamps.items() if values is not None}
-    rest = (cells, whole, left_out, table.warnings, (*header.remarks, *table.remarks))
+    counts = {name: whole_numbers(columns[name]) for name in cells if name in clocks}
+    whole = {name: values for name, values in counts.items() if values is not None}
+    rest = (cells, whole, frozenset(dates), left_out, table.warnings, (*header.remarks, *table.remarks))
     count = max((len(column) for column in table.columns.values()), default=0)
     if count == 0:
         raise BadInput("the table has no rows", where, "remove it, or record the run again")

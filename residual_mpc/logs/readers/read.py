@@ -76,7 +76,7 @@ def _within(headers: Sequence[Header], robot: ColumnNames, limit: float) -> list
 
 def _stamps(piece: Piece, column: str) -> Stamps:
     whole = piece.whole.get(column)
-    unit = piece.header.unit if column == "t" else None
+    unit = "ns" if column in piece.dates else piece.header.unit if column == "t" else None
     return count_from_start(piece.cells[column][piece.rows], None if whole is None else whole[piece.rows], unit)
 
 
@@ -96,7 +96,10 @@ def _read_run(
     if piece.header.note:
         findings.append(Finding("info", "list columns", name, "", None, piece.header.note))
     stamps = _stamps(piece, layout.columns["t"])
-    if stamps.unit == "ns" and piece.header.unit is None:
+    if layout.columns["t"] in piece.dates:
+        text = "the time stamps are dates and were converted to seconds"
+        findings.append(Finding("info", "stamps as dates", name, "t", None, text))
+    elif stamps.unit == "ns" and piece.header.unit is None:
         text = "the time stamps are in nanoseconds and were converted to seconds"
         findings.append(Finding("info", "stamps in ns", name, "t", None, text))
     order = order_rows(stamps, where, _apart(layout), joined=bool(piece.header.topics))

@@ -4,7 +4,9 @@ from collections.abc import Callable, Mapping
 from statistics import median
 from typing import Any
 
+from residual_mpc.effects.effect import Effect as KnownEffect
 from residual_mpc.effects.library import BY_NAME
+from residual_mpc.effects.phrase import Phrase
 from residual_mpc.report.words.laws import law_sentence
 from residual_mpc.report.words.numbers import listed, measure, number, percent_of_nominal
 from residual_mpc.report.words.phrases import OPPOSITES, QUANTITIES
@@ -76,7 +78,7 @@ def sentence_of(effect: Effect) -> str:
         return f"{name(effect)} acts on {target or 'the robot'}"
     parameters = numbers_of(effect)
     units = [str(p.get("unit", "1")) for p in parameters.values()]
-    text = next((phrase.by_unit[u] for u in units if u in phrase.by_unit), phrase.text)
+    text = _text_of(known, phrase, parameters)
     values = {"quantity": next((QUANTITIES[u] for u in units if u in QUANTITIES), "output")}
     for key, parameter in parameters.items():
         value = float(parameter["value"])
@@ -151,6 +153,24 @@ def variation_clause(effect: Effect) -> str:
             unit = next((str(p.get("unit", "1")) for p in numbers_of(effect).values()), "1")
             return f", varying {how} ({measure(min(sizes.values()), unit)} to {measure(max(sizes.values()), unit)})"
     return ""
+
+
+def _text_of(known: KnownEffect, phrase: Phrase, parameters: Mapping[str, Mapping[str, Any]]) -> str:
+    """The text that names the numbers which count: those whose intervals do not contain their null values."""
+    units = [str(p.get("unit", "1")) for p in parameters.values()]
+    text = next((phrase.by_unit[u] for u in units if u in phrase.by_unit), phrase.text)
+    named = [k for k in parameters if f"{{{k}}}" in text]
+    there = {k: _is_there(known, k, p) for k, p in parameters.items()}
+    if not named or any(there[k] is not False for k in named):
+        return text
+    return next((other for k, other in phrase.instead.items() if there.get(k)), text)
+
+
+def _is_there(known: KnownEffect, key: str, parameter: Mapping[str, Any]) -> bool | None:
+    """Whether a number's interval excludes its null value; None where that is not known."""
+    low, high = parameter.get("ci95") or (None, None)
+    null = next((p.null for p in known.parameters if p.name == key), None)
+    return None if null is None or low is None or high is None else not low <= null <= high
 
 
 def _written(key: str, shares: tuple[str, ...]) -> Callable[[float, str], str]:

@@ -3,6 +3,6 @@
 # A clause whose parameter is negative says the opposite.
 OPPOSITES = {
     "heavier": "lighter", "longer": "shorter", "too high": "too low", "more": "less", "falls by": "rises by",
-    "outwards": "inwards",
+    "outwards": "inwards", "farther from": "closer to",
 }  # fmt: skip
 QUANTITIES = {"rad/s": "speed", "m/s": "speed", "N m": "torque", "N": "force", "rad": "position", "m": "position"}

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import gzip
-import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -14,6 +12,7 @@ from typing import Any
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.readers.formats import ENOUGH, UNKNOWN, recognise
 from residual_mpc.logs.readers.table import Header, Table, first_line
+from residual_mpc.logs.readers.tables.header_line import header_cells, header_line
 
 HEADER_LIMIT = 4 << 20  # bytes; a first line longer than this is no header
 GZIP_RATIO = 12  # text of numbers rarely shrinks more
@@ -48,11 +47,11 @@ def text_header(path: Path, size: int, zipped: bool) -> Header:
     if b"\0" in raw:
         raise (recognise(raw[:ENOUGH], path.name) or UNKNOWN).refusal(path)
     lines = raw.removeprefix(b"\xef\xbb\xbf").splitlines()
-    blank = next((i for i, line in enumerate(lines) if line.strip()), len(lines))
-    if blank == len(lines):
+    above = header_line(lines)
+    if above is None:
         raise BadInput("must be a table with a header, got only blank lines", str(path))
     try:
-        line = lines[blank].decode("utf-8")
+        line = lines[above].decode("utf-8")
     except UnicodeDecodeError as fault:
         raise BadInput(
             "must be a CSV table in UTF-8 or a Parquet table, got other bytes",
@@ -61,11 +60,9 @@ def text_header(path: Path, size: int, zipped: bool) -> Header:
         ) from fault
     if not line.isprintable() and not line.replace("\t", "").isprintable():
         raise BadInput("must be a CSV or Parquet table, got control characters in the header", str(path))
-    separator = max(",;\t", key=lambda mark: (line.count(mark), -",;\t".index(mark)))
-    cells = next(csv.reader(io.StringIO(line), delimiter=separator, skipinitialspace=True), [])
-    cells[0] = cells[0].removeprefix("#")  # numpy.savetxt marks its header as a comment
+    cells, separator = header_cells(line)
     names = tuple(cell.strip() or f"unnamed {i}" for i, cell in enumerate(cells, start=1))
-    layout = TextLayout(path, names, separator, blank + 1, zipped)
+    layout = TextLayout(path, names, separator, above + 1, zipped)
     return Header(path, names, float(size) * (GZIP_RATIO if zipped else 1), partial(_read, layout))
 
 

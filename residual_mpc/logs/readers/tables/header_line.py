@@ -1,0 +1,50 @@
+"""The line of a text table that names its columns: it may have comments above it, and may itself be marked as one."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+
+SEPARATORS = ",;\t"
+COMMENT = "#"
+
+
+def header_line(lines: Sequence[bytes]) -> int | None:
+    """The index of the header; None where all lines are blank.
+
+    Blank lines and comments above it are skipped. The last comment is the header where a row of as many cells follows,
+    as `numpy.savetxt` writes it, or nothing at all.
+    """
+    comment = None
+    for i, line in enumerate(lines):
+        if line.lstrip().startswith(COMMENT.encode()):
+            comment = i
+        elif line.strip():
+            return i if comment is None or not _names(lines[comment], line) else comment
+    return comment
+
+
+def header_cells(line: str) -> tuple[list[str], str]:
+    """The cells of a header, without the mark of a comment, and their separator."""
+    line = line.lstrip().lstrip(COMMENT)
+    separator = max(SEPARATORS, key=lambda mark: (line.count(mark), -SEPARATORS.index(mark)))
+    return _split(line, separator), separator
+
+
+def _names(comment: bytes, row: bytes) -> bool:
+    """Whether a comment names the cells of a row: there are as many, and the row holds a number, unlike a header."""
+    names, separator = header_cells(comment.decode("utf-8", "replace"))
+    cells = _split(row.decode("utf-8", "replace"), separator)
+    return len(cells) == len(names) and any(_is_number(cell) for cell in cells)
+
+
+def _split(line: str, separator: str) -> list[str]:
+    return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
