@@ -10,6 +10,7 @@ from residual_mpc.effects.ops import NUMPY, Array, Ops
 from residual_mpc.effects.phrase import Noun, Phrase
 
 LONGEST_DELAY = 0.3  # s: longer dead times are a different fault (a lost connection), and cost memory
+LONGEST_LEAD = 0.1  # s: half of the slowest log that is worth a diagnosis
 
 
 def delay_start(ops: Ops, p: Values, u: Array, dt: float) -> tuple[Array, ...]:
@@ -18,9 +19,10 @@ def delay_start(ops: Ops, p: Values, u: Array, dt: float) -> tuple[Array, ...]:
 
 
 def delay_step(ops: Ops, p: Values, memory: tuple[Array, ...], u: Array, dt: float) -> tuple[Array, Any]:
-    """u(t - delay), linear between the samples of the line: hat weights, so that it is smooth enough to optimise."""
+    """u(t - delay), linear between the samples of the line: hat weights, so that it is smooth enough to optimise. A
+    negative delay, which only a log can have, is none."""
     line = (u, *memory)
-    n = p["delay"] / dt  # the dead time in samples, not an integer
+    n = ops.maximum(p["delay"], 0.0) / dt  # the dead time in samples, not an integer
     out = u * ops.maximum(1.0 - n, 0.0)
     for j, past in enumerate(line[1:], start=1):
         out = out + past * ops.maximum(1.0 - ops.absolute(n - j), 0.0)
@@ -35,14 +37,16 @@ def delay_trim(memory: tuple[Array, ...], p: Values, dt: float) -> tuple[Array, 
 def delay_sequence(p: Values, u: np.ndarray, dt: float) -> np.ndarray:
     """delay_step over a whole sequence at once, for a batch in numpy.
 
-    p (B, nu), u (B, K, nu) -> (B, K, nu); before its beginning the first command is held.
+    p (B, nu), u (B, K, nu) -> (B, K, nu); before its beginning the first command is held, and behind its end the last
+    one where the delay is negative: the log then holds fewer commands than were sent.
     """
     delay, out = p["delay"], u.copy()
-    for row, actuator in np.argwhere(delay > 0):
+    for row, actuator in np.argwhere(delay != 0):
         whole, part = divmod(float(delay[row, actuator]) / dt, 1.0)
         line = u[row, :, actuator]
-        late = np.concatenate([np.full(int(whole) + 1, line[0]), line])[: len(line) + 1]
-        out[row, :, actuator] = (1.0 - part) * late[1:] + part * late[:-1]
+        at = np.arange(-1, len(line)) - int(whole)
+        moved = line[np.clip(at, 0, len(line) - 1)]
+        out[row, :, actuator] = (1.0 - part) * moved[1:] + part * moved[:-1]
     return out
 
 
@@ -93,7 +97,14 @@ COMMAND_DELAY = Effect(
     target="actuator",
     parameters=(
         Parameter(
-            "delay", "s", 0.0, 0.0, LONGEST_DELAY, (0.01, 0.03, 0.08, 0.16), tolerance=0.005, quantity="command delay"
+            "delay",
+            "s",
+            0.0,
+            -LONGEST_LEAD,
+            LONGEST_DELAY,
+            (0.01, 0.03, 0.08, 0.16),
+            tolerance=0.005,
+            quantity="command delay",
         ),
     ),
     summary="commands reach the actuator late",

@@ -27,7 +27,7 @@ def actuator_values(robot: CompiledRobot, settings: Settings) -> tuple[ActuatorV
     gear = model.actuator_gear[:, 0]
     bias, gain, reach = (value(f"actuator_{f}") for f in ("biasprm", "gainprm", "forcerange"))
     found = (changes(said.effects, q) for q in ("command delay", "command lag"))
-    delay, lag = (np.zeros(model.nu) if x is None else x[0] for x in found)
+    delay, lag = (np.zeros(model.nu) if x is None else np.maximum(x[0], 0.0) for x in found)
     out = []
     for i, (name, joint, kind) in enumerate(
         zip(robot.actuators, robot.actuator_joints, robot.command_kinds, strict=True)

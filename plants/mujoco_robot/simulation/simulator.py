@@ -81,7 +81,7 @@ class CorrectedMujoco:
         errors = on_errors(effects, robot.servo)
         self._once = OneStep(self._batch, robot, self._between, servos, errors, dt, self._integrals)
         delay = changes(effects, "command delay")
-        self._late, self._part = np.divmod(np.zeros((rows, nu)) if delay is None else delay / dt, 1.0)
+        self._late, self._part = np.divmod(np.zeros((rows, nu)) if delay is None else np.maximum(delay, 0.0) / dt, 1.0)
         self._late, self._delayed = self._late.astype(int), bool(self._late.any() or self._part.any())
         self._line = np.zeros((int(self._late.max()) + 2, rows, nu))  # newest first
         self._chain = [(e, p) for e, p in on_command(effects, ~robot.servo) if e.trim is None]  # after the line

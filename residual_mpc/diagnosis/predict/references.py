@@ -13,6 +13,8 @@ from residual_mpc.models.settings import Settings
 HIGHEST, LOWEST = "highest", "lowest"  # position of a joint in the runs
 GIVEN = "given"  # torque of a joint's actuators at what was measured
 RUN = ("1/run", "")  # 1/s, one over the longest run
+BETWEEN = ("between commands", "")  # s between logged commands that follow a smooth curve, 0 where they jump
+SMOOTH = 0.5  # of the rows in which a command moves on, from which it may have been sent more often than it was logged
 OVER = 0.05  # s, over which a joint's largest speed is measured
 ENDS = (0.002, 0.998)  # quantiles: a stop is where a joint often ends, an outlier is beyond
 
@@ -69,7 +71,25 @@ def measure_references(data: Dataset) -> dict[tuple[str, str], float]:
                 found.setdefault(("speed", robot.actuators[k]), []).append(fastest)
     sizes = {key: max(float(np.max(v)), 1e-6) for key, v in found.items()}
     sizes[RUN] = 1.0 / max(longest_run(data), 1e-3)
+    sizes[BETWEEN] = _between_commands(data)
     return sizes | _ends(data, optional.joints(data.blocks[0].robot))
+
+
+def _between_commands(data: Dataset) -> float:
+    """The time between logged commands, s, where these may be every so many of those that were sent: they change from
+    most rows to the next while they move, as those of a trajectory do. 0 where they are held for longer."""
+    spacings, changing = list[float](), list[float]()
+    for run in data.runs:
+        for name in (f"command.{a}" for a in run.actuators):
+            good = np.isfinite(run.columns[name])
+            t, u = run.t[good], run.columns[name][good]
+            if len(t) < 3 or not np.ptp(u) > 0.0:
+                continue
+            moves = np.abs(np.diff(u)) > 1e-9 * np.ptp(u)
+            again = moves[1:][moves[:-1]]  # whether it moves on, of the rows after it has moved
+            spacings.append(float(np.median(np.diff(t))))
+            changing.append(float(again.mean()) if len(again) else 0.0)
+    return float(np.median(spacings)) if changing and np.median(changing) > SMOOTH else 0.0
 
 
 def _motion(data: Dataset, joint: str) -> tuple[float, float]:

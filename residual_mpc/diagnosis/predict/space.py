@@ -11,6 +11,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.predict.references import (
+    BETWEEN,
     GIVEN,
     HIGHEST,
     LOWEST,
@@ -19,7 +20,8 @@ from residual_mpc.diagnosis.predict.references import (
     measure_references,
     turned_of,
 )
-from residual_mpc.effects.command import COMMAND_DELAY
+from residual_mpc.effects.body import COULOMB
+from residual_mpc.effects.command import BREAKAWAY_LOSS, COMMAND_DELAY
 from residual_mpc.effects.drive import TURN_GAIN
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import BY_NAME, LIBRARY, holder
@@ -149,6 +151,8 @@ class Space:
             reach = p.most * self._largest(p.reference, knob)
             high = min(high, reach)
             low = max(low, -reach) if p.lower < p.null else low
+        if p.quantity == "command delay":
+            low = max(low, -0.5 * self.references.get(BETWEEN, 0.0) if knob.target is None else 0.0)
         if p.quantity == "viscous damping":
             high = min(high, self._most_damping(knob))
         if p.within is not None:
@@ -256,6 +260,8 @@ def build_space(
     robot = data.blocks[0].robot
     slots = Targets(robot)
     chosen = [e for e in FITTED if (not only or e.name in only) and e.name not in without]
+    if slots[COULOMB.name]:  # dry friction of joints does the same as what a command loses
+        chosen = [e for e in chosen if e is not BREAKAWAY_LOSS]
     candidates = tuple(t for e in chosen for t in _terms(e, slots[e.name], data))
     longest = longest_run(data)
     why = f"no run is longer than {longest:.2g} s"

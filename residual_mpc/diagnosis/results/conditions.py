@@ -14,6 +14,7 @@ from residual_mpc.diagnosis.results.odd_run import odd_run
 from residual_mpc.diagnosis.results.records import Moved, Setup
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.verdict import beats_forecast, deciding
+from residual_mpc.effects.command import COMMAND_DELAY
 from residual_mpc.models.settings import TUNE
 
 
@@ -79,6 +80,12 @@ def notes(
         said.append(
             f"The time step of the model makes errors of {found.step_error:.2g} (noise floor {first.floor.total:.2g}); "
             f"{what} may only stand for it. Use a smaller time step, or an implicit integrator if its own is explicit."
+        )
+    if found.helps and any(v < 0.0 for k, v in of.final.values.items() if k.effect == COMMAND_DELAY.name):
+        said.append(
+            "Commands act before their stamps where a log holds fewer of them than were sent, or stamps them late. "
+            "That is a fault of the log, not of the robot: controllers and exports leave it out. Log every command "
+            "that is sent."
         )
     if odd is not None:
         said.append(str(odd["note"]))

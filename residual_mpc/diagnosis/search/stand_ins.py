@@ -10,7 +10,7 @@ from residual_mpc.diagnosis.search.substitutes import imitate
 from residual_mpc.effects.effect import Quantity
 from residual_mpc.effects.equivalents import together
 from residual_mpc.effects.library import BY_NAME
-from residual_mpc.models.settings import Knob, Term, Values
+from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 LATE: tuple[Quantity, ...] = ("command delay", "command lag", "reading delay", "reading lag")
 
@@ -24,7 +24,7 @@ def stand_ins(problem: Problem, rest: Fit, fit: Fit, gone: tuple[Term, ...], set
         starts = _on_other_targets(problem, rest, fit, gone[0], candidates, settings=settings)
         twins = tuple(c for c in candidates if problem.space.are_twins(c, gone[0]))
         seen = {gone[0], *twins} | {k.term for s in starts for k in s if k.effect == gone[0].effect}
-        starts += [_as_twin(problem, fit, gone[0], twin) for twin in twins]
+        starts += [s for twin in twins if _within(problem, s := _as_twin(problem, fit, gone[0], twin))]
         most = tuned.looked_at + len(starts)
         leads = glance(problem, rest, candidates, settings=settings)
         own = max((lead.gain for lead in leads if lead.term == gone[0]), default=0.0)
@@ -125,6 +125,12 @@ def _as_twin(problem: Problem, fit: Fit, gone: Term, twin: Term) -> Values:
         Knob(twin.effect, twin.target, k.parameter, twin.changed) if k.term == gone else k: v
         for k, v in fit.values.items()
     }
+
+
+def _within(problem: Problem, values: Values) -> bool:
+    """Whether the values are within their bounds: commands may be logged late, and readings cannot come early."""
+    bounds = ((v, *problem.space.bounds(k)) for k, v in values.items() if k.effect != TUNE)
+    return all(low <= v <= high for v, low, high in bounds)
 
 
 def _with(problem: Problem, rest: Fit, found: Values) -> Values:
