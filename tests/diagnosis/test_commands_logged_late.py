@@ -1,6 +1,9 @@
-"""A log that holds fewer commands than were sent: they act before their stamps."""
+"""Times that are the log's: commands that act before their stamps, and speeds that are means over a sample."""
 
 from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.predict.references import BETWEEN, measure_references
 from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.results.causes import _of_mean_speeds
 from residual_mpc.effects.command import delay_sequence, delay_start, delay_step
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.logs.run import Run
@@ -60,3 +64,16 @@ def test_a_thinner_log_is_named_as_that() -> None:
     assert cause.term.effect == "command_delay" and not found.groups
     assert cause.parameters[0].value == pytest.approx(-0.02, abs=0.003)
     assert any("before their stamps" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("channel", "delay", "expected"),
+    [("velocity.left", 0.03, {DELAY: (0.02,)}), ("velocity.left", -0.01, {}), ("pose.x", 0.03, {})],
+)
+def test_logged_speeds_may_be_means_over_a_sample(channel: str, delay: float, expected: dict[Knob, Any]) -> None:
+    data = SimpleNamespace(
+        channels=("twist.theta", channel), compared=np.array([[False, True]]), runs=[SimpleNamespace(period=0.02)]
+    )
+    of: Any = SimpleNamespace(raw=data, final=SimpleNamespace(values={DELAY: delay}))
+    found = _of_mean_speeds(of)
+    assert {k: pytest.approx(v) for k, v in found.items()} == expected

@@ -55,7 +55,8 @@ def causes_of(
     finer = finely_stepped(problem, final)
     spanned = {k: (*aside.get(k, ()), *lacking.get(k, ())) for k in final.knobs}
     beside = _beside_others(of)
-    others = {k: (*beside[k], *([finer[k]] if k in finer else ())) for k in final.knobs}
+    earlier = _of_mean_speeds(of)
+    others = {k: (*beside[k], *([finer[k]] if k in finer else ()), *earlier.get(k, ())) for k in final.knobs}
     causes = []
     for term in final.terms:
         if is_law(term.effect):
@@ -140,6 +141,18 @@ def _beside_others(of: FittedExplanation) -> dict[Knob, tuple[float, ...]]:
     the members is there, these runs do not tell."""
     alike = [r.fit.values for r in of.rivalry.rivals if r.alike]
     return {k: tuple(values[k] for values in alike if k in values) for k in of.final.knobs}
+
+
+def _of_mean_speeds(of: FittedExplanation) -> dict[Knob, tuple[float]]:
+    """A dead time's value where logged speeds are means over the last sample, as differences of an encoder's counts
+    are: half a sample late. Only where nothing but speeds is compared; what is measured besides would tell."""
+    data = of.raw
+    seen = [data.channels[c] for c in np.flatnonzero(data.compared.any(axis=0))]
+    if not seen or not all(c.startswith("velocity.") for c in seen):
+        return {}
+    half = 0.5 * float(np.median([run.period for run in data.runs]))
+    late = {k: v for k, v in of.final.values.items() if _quantity(k) in ("command delay", "reading delay") and v > 0.0}
+    return {k: (max(v - half, 0.0),) for k, v in late.items()}
 
 
 def _aside(of: FittedExplanation, sigma: np.ndarray, settings: ResultSettings) -> dict[Knob, tuple[float, float]]:
