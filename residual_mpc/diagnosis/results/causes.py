@@ -146,12 +146,11 @@ def _beside_others(of: FittedExplanation) -> dict[Knob, tuple[float, ...]]:
 def _of_mean_speeds(of: FittedExplanation) -> dict[Knob, tuple[float]]:
     """A dead time's value where logged speeds are means over the last sample, as differences of an encoder's counts
     are: half a sample late. Only where nothing but speeds is compared; what is measured besides would tell."""
-    data = of.raw
-    seen = [data.channels[c] for c in np.flatnonzero(data.compared.any(axis=0))]
+    late = {k: v for k, v in of.final.values.items() if _quantity(k) in ("command delay", "reading delay") and v > 0.0}
+    seen = [of.raw.channels[c] for c in np.flatnonzero(of.raw.compared.any(axis=0))] if late else []
     if not seen or not all(c.startswith("velocity.") for c in seen):
         return {}
-    half = 0.5 * float(np.median([run.period for run in data.runs]))
-    late = {k: v for k, v in of.final.values.items() if _quantity(k) in ("command delay", "reading delay") and v > 0.0}
+    half = 0.5 * float(np.median([run.period for run in of.raw.runs]))
     return {k: (max(v - half, 0.0),) for k, v in late.items()}
 
 
