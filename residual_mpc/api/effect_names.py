@@ -23,13 +23,12 @@ def effect_names(names: Iterable[str], option: str) -> tuple[str, ...]:
 def possible_effects(names: Iterable[str], option: str, models: Sequence[Robot]) -> tuple[str, ...]:
     """The names of effects to look for. models: the robot's, one or more, that the runs were recorded with.
 
-    Raises BadInput for one that is no effect, or that none of the models can have.
+    Raises BadInput for one that is no effect, or where none of the models can have any of them.
     """
     names = effect_names(names, option)
     possible = [e.name for e in LIBRARY if any(model.slots(e.name) for model in models)]
-    for name in names:
-        if name != FITTED_LAW and name not in possible:
-            reason = BY_NAME[name].lacking
-            what = f"{models[0].name} cannot have the effect {name!r}" + (f": {reason}" if reason else "")
-            raise BadInput(what, option, f"the effects that it can have are {', '.join([*possible, FITTED_LAW])}")
+    if names and not any(name == FITTED_LAW or name in possible for name in names):
+        reasons = [f"{name!r}" + (f" ({BY_NAME[name].lacking})" if BY_NAME[name].lacking else "") for name in names]
+        what = f"{models[0].name} cannot have the effect{'s' if len(names) > 1 else ''} {', '.join(reasons)}"
+        raise BadInput(what, option, f"the effects that it can have are {', '.join([*possible, FITTED_LAW])}")
     return names

@@ -34,7 +34,7 @@ def test_effects_that_make_a_longer_gap_larger_are_remarked(longer: Any, said: b
     )  # fmt: skip
     of: Any = SimpleNamespace(
         doubtful=(), vetoed=(), held=np.ones(1, dtype=bool), raw=SimpleNamespace(skipped=0), with_outliers=False,
-        outliers=SimpleNamespace(count=0), final=SimpleNamespace(knobs=(), held=(), terms=()),
+        outliers=SimpleNamespace(count=0), final=SimpleNamespace(knobs=(), held=(), terms=(), values={}),
     )  # fmt: skip
     *remarks, _ = notes(of, found, None, ResultSettings())
     assert len(remarks) == said

@@ -179,7 +179,7 @@ def test_notes_say_which_windows_the_verdict_leaves_out(tmp_path: Path) -> None:
     )  # fmt: skip
     of: Any = SimpleNamespace(
         doubtful=(), vetoed=(), held=every, raw=data, outliers=SimpleNamespace(count=0), with_outliers=False,
-        final=SimpleNamespace(knobs=(), held=(), terms=()),
+        final=SimpleNamespace(knobs=(), held=(), terms=(), values={}),
     )  # fmt: skip
     (said, _) = notes(of, found, None, ResultSettings())
     assert said.startswith("1 window of 1 s begins at the start of a run that is already in motion or under load")

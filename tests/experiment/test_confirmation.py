@@ -312,7 +312,7 @@ def test_what_cannot_be_confirmed_is_refused(late: Path, tmp_path: Path) -> None
     with pytest.raises(BadInput, match="overwrite"):
         rm.confirm(robot, late / "out" / "diagnosis.json", runs, out=late / "out")
     with pytest.raises(BadInput, match="outside"):
-        rm.confirm(robot, late / "out" / "diagnosis.json", runs, changed="command_delay=-0.1")
+        rm.confirm(robot, late / "out" / "diagnosis.json", runs, changed="command_delay=-0.2")
     copy = late / "copy.csv"
     copy.write_text((late / "run0.csv").read_text())
     with pytest.raises(BadInput, match="used in the diagnosis"):

@@ -263,16 +263,16 @@ def build_space(
     if slots[COULOMB.name]:  # dry friction of joints does the same as what a command loses
         chosen = [e for e in chosen if e is not BREAKAWAY_LOSS]
     candidates = tuple(t for e in chosen for t in _terms(e, slots[e.name], data))
-    longest = longest_run(data)
-    why = f"no run is longer than {longest:.2g} s"
+    why = f"no run is longer than {(longest := longest_run(data)):.2g} s"
     ruled_out = {t: why for t in candidates if longest < BY_NAME[t.effect].seconds}
     if all(b.drive.angle is None for b in data.blocks):
         ruled_out |= {t: UNTOLD for t in candidates if BY_NAME[t.effect].place == "roundness"}
     if not any(f"velocity.{a}" in data.channels for a in robot.actuators):
         ruled_out |= {t: AS_TRACK for t in candidates if t.effect == TURN_GAIN.name}
     ruled_out |= {t: because[t] for t in candidates if t in because}
-    arm = bool(slots[TORQUE_OFFSET.name])  # of a robot that drives nobody expects it
-    ruled_out |= {Term(e.name, None): e.lacking for e in chosen if arm and e.lacking and not slots[e.name]}
+    arm = bool(slots[TORQUE_OFFSET.name])  # of a robot that drives nobody expects it, unless it is asked for
+    absent = [e for e in chosen if not slots[e.name] and (e.name in only or arm and e.lacking)]
+    ruled_out |= {Term(e.name, None): e.lacking or "this robot cannot have it" for e in absent}
     references = measure_references(data)
     ruled_out |= {t: why for t in candidates if (why := _uncovered(t, slots[t.effect], robot, references))}
     candidates = tuple(t for t in candidates if t not in ruled_out)
