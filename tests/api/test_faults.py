@@ -137,7 +137,7 @@ def test_a_case_that_there_is_not_is_refused_with_those_that_there_are(robot: rm
         (lambda robot, runs: rm.diagnose(robot, runs, only="nope"), "unknown effect 'nope'"),
         (
             lambda robot, runs: rm.diagnose(robot, runs, only=("armature", "payload")),
-            "--only: rover cannot have the effects 'armature', 'payload'. The effects that it can have are command_delay,",
+            "--only: rover cannot have the effects 'armature', 'payload'. The effects that it can have are",
         ),
         (lambda robot, runs: rm.diagnose(robot, runs, horizon=-1.0), "positive number of seconds, got -1.0"),
         (lambda robot, runs: rm.measure_gap(robot, runs, horizon=float("nan")), "positive number of seconds, got nan"),
