@@ -25,9 +25,9 @@ COUNTED = 2  # effects that one effect on many targets counts as, where the size
 
 
 def counted(terms: Sequence[Term]) -> int:
-    """How many effects a set counts as."""
+    """How many effects a set counts as, never less than half of its terms, whose fits cost time."""
     on = [t.effect for t in terms]
-    return sum(min(on.count(name), COUNTED) for name in set(on))
+    return max(sum(min(on.count(name), COUNTED) for name in set(on)), (len(on) + 1) // 2)
 
 
 def by_target(problem: Problem, parent: Fit, blocks: np.ndarray, settings: SearchSettings) -> list[Fit]:
