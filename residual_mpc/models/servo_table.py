@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, replace
 from math import hypot
 from typing import Any, NamedTuple
 
+from residual_mpc.effects.command import COMMAND_DELAY
 from residual_mpc.effects.servo.motor import Motor
 from residual_mpc.effects.servo.numbers import NUMBERS, ServoNumber, Source
 from residual_mpc.effects.servo.readings import Driven
@@ -84,6 +85,7 @@ def servo_rows(found: Mapping[str, Any], robot: Robot, file: RobotFile) -> tuple
         return ()
     entries = found.get("explanation")
     entries = _without_intervals(found["values"]) if entries is None else entries
+    entries = [e for e in entries if not _of_the_log(e)]
     doubts = _Doubts(
         found.get("not_testable") or [], found.get("candidates") or [], found.get("confounded") or []
     )  # fmt: skip
@@ -103,6 +105,11 @@ def servo_rows(found: Mapping[str, Any], robot: Robot, file: RobotFile) -> tuple
         )
         for at, now in zip(nominal, retuned, strict=True)
     )  # fmt: skip
+
+
+def _of_the_log(entry: Mapping[str, Any]) -> bool:
+    """Whether an entry says that commands act before their stamps, which no servo does."""
+    return entry["effect"] == COMMAND_DELAY.name and (entry["parameters"]["delay"]["value"] or 0.0) < 0.0
 
 
 def driven_by(

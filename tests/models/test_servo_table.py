@@ -9,6 +9,7 @@ import pytest
 from oracles.arms import arm_xml
 
 import residual_mpc as rm
+from residual_mpc.effects.servo.changes import advice_on
 from residual_mpc.models.servo_table import ServoRow, ServoValue, servo_rows
 
 ACTUATORS = (
@@ -41,6 +42,15 @@ def test_what_holds_for_all_alike_stands_in_every_row(tmp_path: Path) -> None:
     assert (first.nominal, first.value, first.ci95) == (0.0, 0.1, pytest.approx((0.05, 0.15)))
     assert (second.nominal, second.value) == (pytest.approx(0.02), pytest.approx(0.12))  # the model has some already
     assert first.alike and second.alike and first.probability == 0.9
+
+
+@pytest.mark.parametrize(("delay", "expected", "advised"), [(0.02, 0.02, 1), (-0.009, 0.0, 0)])
+def test_commands_that_act_before_their_stamps_are_no_servos(
+    tmp_path: Path, delay: float, expected: float, advised: int
+) -> None:
+    found = rows(tmp_path, [entry("command_delay", None, delay=(delay, delay - 0.001, delay + 0.001))])
+    assert value(found["s1"], "delay").value == expected
+    assert len(advice_on("command_delay", {"delay": delay}, 30.0, None)) == advised
 
 
 def test_a_joints_own_value_replaces_that_of_all(tmp_path: Path) -> None:

@@ -56,6 +56,15 @@ def _gain(p: Numbers, stiffness: float, p_gain: float | None) -> tuple[Advice, .
     return (Advice("P gain", "p_gain", text, {**acting, "wanted": (p_gain / gain, "1"), "present": (p_gain, "1")}),)
 
 
+def _late(p: Numbers, stiffness: float, p_gain: float | None) -> tuple[Advice, ...]:
+    """A negative delay is the log's, not the servo's."""
+    text = (
+        "{delay} pass before a command acts: a higher baud rate, a shorter return delay or one command for all servos "
+        "shortens it."
+    )
+    return (Advice("bus", "reply", text, {}),) if p["delay"] > 0.0 else ()
+
+
 def _fixed(setting: str, register: str, text: str) -> Callable[[Numbers, float, float | None], tuple[Advice, ...]]:
     return lambda p, stiffness, p_gain: (Advice(setting, register, text, {}),)
 
@@ -91,11 +100,7 @@ ADVICE: Mapping[str, Callable[[Numbers, float, float | None], tuple[Advice, ...]
     SERVO_INTEGRAL.name: _fixed(
         "I gain", "i_gain", "the servo integrates its error and the model does not: 0 would make it act as modelled."
     ),
-    COMMAND_DELAY.name: _fixed(
-        "bus", "reply",
-        "{delay} pass before a command acts: a higher baud rate, a shorter return delay or one command for all servos "
-        "shortens it.",
-    ),
+    COMMAND_DELAY.name: _late,
     ACTUATOR_LAG.name: _fixed(
         "profile acceleration", "acceleration",
         "the servo follows with a lag of {time_constant}: a faster profile or a lighter filter of its setpoint, if one "
