@@ -13,7 +13,7 @@ from residual_mpc.effects.library import BY_NAME
         ("saturation", "limit", (0.8, 1.3), False),
         ("saturation", "limit", (0.05, 1.3), False),  # an upper end is known
         ("saturation", "limit", (0.05, 2.5), True),
-        ("torque_speed_limit", "no_load_speed", (0.01, 15.0), True),
+        ("torque_speed_limit", "stall_torque", (0.01, 15.0), True),
         ("actuator_gain", "gain", (0.05, 2.5), False),  # no limit
         ("joint_compliance", "damping_ratio", (0.0, 9.0), False),
     ],

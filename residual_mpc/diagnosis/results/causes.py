@@ -85,12 +85,12 @@ def causes_of(
 
 
 def _may_be_none(space: Space, term: Term, estimates: Sequence[Estimate]) -> bool:
-    """Whether the interval of each number that says how much an effect does contains that it does nothing, or that of a
-    limit reaches from next to nothing to a multiple of it."""
+    """Whether the interval of each number that says how much an effect does contains that it does nothing, or that of
+    one that is a limit reaches from next to nothing to a multiple of it."""
     effect = BY_NAME[term.effect]
-    if any(_anywhere(effect.parameter(e.name), e) for e in estimates):
-        return True
     sizes = [e for e in estimates if not effect.parameter(e.name).shape]
+    if any(_anywhere(effect.parameter(e.name), e) for e in sizes):
+        return True
     nulls = [space.null(Knob(*term[:2], e.name)) for e in sizes]
     return bool(sizes) and all(e.ci95[0] <= null <= e.ci95[1] for e, null in zip(sizes, nulls, strict=True))
 
