@@ -31,6 +31,8 @@ FAULTS: dict[str, dict[str, float]] = {
     "turn_gain": {"gain": 0.6},
     "turn_limit": {"limit": 1.0},
     "shared_limit": {"limit": 6.0},
+    "forward_rate_limit": {"rate": 12.0},
+    "turn_rate_limit": {"rate": 8.0},
     "wheel_radius": {"scale": 1.1},
     "wheel_radius_mismatch": {"ratio": 1.05},
     "track_width": {"scale": 1.3},
