@@ -8,11 +8,12 @@ import numpy as np
 
 from plants.diff_drive_step import RATES, drive_step
 from plants.outline import two_wheels
-from residual_mpc.effects.chain import OUTPUT, in_turn, speed_chain, where_it_acts
+from residual_mpc.effects.chain import OUTPUT, in_turn, where_it_acts
 from residual_mpc.effects.effect import Effect, Values
 from residual_mpc.effects.ground import ground_twist, radius_factor, with_fitted_rates, world_drift
 from residual_mpc.effects.library import Effects, Sites, present, slots_of
 from residual_mpc.effects.ops import NUMPY
+from residual_mpc.effects.speed_chain import speed_chain
 from residual_mpc.errors import BadInput
 from residual_mpc.models.protocol import Drive, State
 from residual_mpc.models.robot_file import RobotFile
@@ -52,7 +53,7 @@ class DiffDrive:
         robot = (self.name,)
         return {
             **dict.fromkeys(("command", "strength", "limit", "output", "play", "roundness"), WHEELS),
-            **dict.fromkeys(("pair", "rolling", "rim", "side", "drift", "point", "samples"), robot),
+            **dict.fromkeys(("pair", "pair command", "rolling", "rim", "side", "drift", "point", "samples"), robot),
             **dict.fromkeys(("delay", "filter", "clock"), ("pose",)),
             "rate": RATES,
             "offset": ("pose.theta", "twist.theta"),

@@ -10,12 +10,13 @@ from itertools import zip_longest
 
 import numpy as np
 
-from residual_mpc.effects.chain import OUTPUT, Chain, chain_of, speed_chains
-from residual_mpc.effects.effect import Effect, Site
+from residual_mpc.effects.chain import OUTPUT, Chain, chain_of
+from residual_mpc.effects.effect import Site
 from residual_mpc.effects.ground import ground_twist, radius_factor, with_fitted_rates, world_drift
 from residual_mpc.effects.laws import rounded
 from residual_mpc.effects.library import BY_NAME, ORDER, present
 from residual_mpc.effects.ops import Array
+from residual_mpc.effects.speed_chain import PairStep, speed_chains
 from residual_mpc.errors import BadInput
 from residual_mpc.models.settings import TUNE, Settings
 from residual_mpc.models.stepping import Correction, Kinks, Number, StepOptions, Stepped, finite
@@ -28,7 +29,8 @@ COMMANDS = ("command.left", "command.right")  # rad/s
 RATES = ("forward", "sideways", "yaw")  # of the base, in its own frame
 GROUND: tuple[Site, ...] = ("rolling", "roundness", "rim", "side", "drift", "rate")
 SLOTS: Mapping[int, tuple[str, ...]] = {1: ("",), 2: WHEELS, 3: RATES}  # by number
-HOSTED = frozenset(("command", *OUTPUT, "pair", "play", *GROUND))  # what a sensor reports is the estimator's part
+# what a sensor reports is the estimator's part
+HOSTED = frozenset(("command", *OUTPUT, "pair", "pair command", "play", *GROUND))
 UNIT = dict(zip((*POSE, *BODY, *WORLD), ("m", "m", "rad", *("m/s", "m/s", "rad/s") * 2), strict=True))
 
 
@@ -39,7 +41,7 @@ class DriveStep:
     dt: float  # s
     ground: tuple[str, ...]  # names of the effects between wheels and ground
     wheels: tuple[Chain, ...]  # of a wheel from its command to its rim, play last
-    pairs: tuple[Effect, ...]  # on the two wheels together, each between one of these chains and the next
+    pairs: tuple[PairStep, ...]  # on the two wheels together, each between one of these chains and the next
     span: int  # past speeds a wheel, over which its acceleration is taken; 0 where nothing asks for it
     options: StepOptions
     index: Mapping[tuple[str, str, str], int]  # (effect, slot, parameter) -> place in p
@@ -48,6 +50,7 @@ class DriveStep:
     def states(self) -> tuple[str, ...]:
         """Pose first, then what is remembered, newest first."""
         names = [*POSE, *(s for chain in self.wheels for s in chain.states)]
+        names += [s for pair in self.pairs for s in pair.states]
         names += [f"speed.{wheel}.{j}" for wheel in WHEELS for j in range(1, self.span + 1)]
         names += [f"angle.{wheel}" for wheel in WHEELS if self.uneven]
         names += [f"last.{s}" for s in self.options.remember]
@@ -127,9 +130,7 @@ class DriveStep:
         for chain, pair in zip_longest(self.wheels, self.pairs):
             wheel = [chain(kinks, w, wheel[i], values, now, new, clock) for i, w in enumerate(WHEELS)]
             if pair is not None:
-                assert pair.step is not None
-                ops = kinks.exact if pair.kink == "none" else kinks.rough(1.0)
-                wheel = list(pair.step(ops, self._values(pair.name, "", p), wheel[0], wheel[1]))
+                wheel = pair(kinks, wheel, values(pair.effect.name, ""), now, new)
         return wheel
 
     def _ground(
@@ -199,6 +200,8 @@ def drive_step(
     resting = {"clock": options.clock}
     for chain in wheels:
         resting |= chain.resting(still, values)
+    for pair in pairs:
+        resting |= pair.resting((0.0, 0.0), values(pair.effect.name, ""))
     rest = np.array([resting.get(s, 0.0) for s in step.states])
     return Stepped(
         options.dt, step.states, POSE, tuple(_unit(s) for s in step.states), WHEELS, tuple(numbers),

@@ -10,9 +10,9 @@ from plants.wheeled.engines.engine import CHANNELS, Motion
 from plants.wheeled.engines.geometry import WHEELS, Geometry
 from plants.wheeled.engines.pybullet_engine import BulletEngine
 from plants.wheeled.simulators import TURTLEBOT
-from residual_mpc.effects.chain import speed_chain
 from residual_mpc.effects.library import BY_NAME, Sites, changes, present, slots_of
 from residual_mpc.effects.ops import NUMPY
+from residual_mpc.effects.speed_chain import speed_chain
 from residual_mpc.models.protocol import Drive, State
 from residual_mpc.models.settings import Settings
 

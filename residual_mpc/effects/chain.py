@@ -1,9 +1,8 @@
 """The way of a command to the actuator and of the actuator's output to the joint: effect after effect, for a whole run
-at once in numpy (`command_chain`, `speed_chain`) and for one step in any array library (`Chain`)."""
+at once in numpy (`command_chain`) and for one step in any array library (`Chain`); of speeds see `speed_chain.py`."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -37,26 +36,6 @@ def _reach(effect: Effect, p: Values, lead: int, dt: float) -> int:
     if effect.start is None or effect.trim is None:
         return lead
     return 1 + len(effect.trim((None,) * lead, p, dt))
-
-
-def speed_chain(effects: Effects, u: np.ndarray, on: np.ndarray | None, clock: np.ndarray, dt: float) -> np.ndarray:
-    """The speeds (B, K, nu) of motors that turn as fast as they are told, before any play, from commands u (B, K, nu).
-
-    A driver's voltage, which sets gain and limit, comes before the motor's inertia: a lag acts on what these leave.
-    on (B, K, nu): 0 where the actuator is off, None for always on. clock (B, K, 1): s since the run began.
-    """
-    direct = np.ones(u.shape[-1], dtype=bool)
-    for effect, p in on_command(effects, direct):
-        if not effect.inertial:
-            u = through_commands(effect, p, u, dt)
-    y = u if on is None else u * on
-    for effect, p in present(effects, *OUTPUT, "pair"):
-        y = through_pair(effect, p, y) if effect.port == "pair" else through_outputs(effect, p, y, clock, dt)
-    y = y if on is None else y * on  # a wheel that is off is not driven by its partner
-    for effect, p in on_command(effects, direct):
-        if effect.inertial:
-            y = through_commands(effect, p, y, dt)
-    return y
 
 
 def on_command(effects: Effects, direct: np.ndarray) -> list[tuple[Effect, Values]]:
@@ -103,13 +82,6 @@ def through_outputs(effect: Effect, p: Values, y: np.ndarray, clock: np.ndarray,
         return in_turn(lambda k, now, memory: step(NUMPY, p, memory, now, time[:, k], dt), y, memory)
 
     return where_it_acts(effect, p, y, through)
-
-
-def through_pair(effect: Effect, p: Values, y: np.ndarray) -> np.ndarray:
-    """What an effect on two wheels together makes of their speeds y (B, K, 2), left and right; p: (B, 1) each."""
-    assert effect.step is not None
-    left, right = effect.step(NUMPY, p, y[..., 0], y[..., 1])
-    return np.stack([left, right], axis=-1)
 
 
 def where_it_acts(
@@ -239,27 +211,14 @@ def chain_of(
     return Chain(tuple(here), targets, dt, names)
 
 
-def speed_chains(effects: Effects, targets: tuple[str, ...], dt: float) -> tuple[tuple[Chain, ...], tuple[Effect, ...]]:
-    """What `speed_chain` does to a command until the play: chains of each wheel, and the effects on the pair of wheels
-    that act between one chain and the next."""
-    pairs = [e for e, _ in present(effects, "pair")]
-    chains = [chain_of(effects, ("command",), targets, dt, inertial=False)]
-    output = chain_of(effects, OUTPUT, targets, dt)
-    for before, after in pairwise([None, *pairs, None]):
-        part = [
-            e
-            for e in output.effects
-            if (before is None or e.rank >= before.rank) and (after is None or e.rank < after.rank)
-        ]
-        chains.append(replace(output, effects=tuple(part), names={e.name: output.names[e.name] for e in part}))
-    chains[:2] = [chains[0].then(chains[1])]
-    chains[-1] = chains[-1].then(chain_of(effects, ("command",), targets, dt, inertial=True))
-    return tuple(chains), tuple(pairs)
-
-
 def leaves(memory: Any) -> list[Any]:
     """The numbers of a memory, which may be nested in tuples."""
     return [x for part in memory for x in leaves(part)] if isinstance(memory, tuple | list) else [memory]
+
+
+def filled(form: Any, numbers: Iterator[Any]) -> Any:
+    """A memory of this form that holds these numbers: the inverse of `leaves`."""
+    return tuple(filled(part, numbers) for part in form) if isinstance(form, tuple | list) else next(numbers)
 
 
 def joined(choose: Callable[..., Any], *memories: Any) -> Any:
@@ -291,12 +250,7 @@ def _packed(effect: Effect, p: Values, numbers: list[Any], dt: float) -> Any:
     if effect.trim is not None:  # a line of any length
         return tuple(numbers)
     form = _begun(effect, {q.name: q.null for q in effect.parameters}, 0.0, dt)
-    rest = iter(numbers)
-    return _filled(form, rest)
-
-
-def _filled(form: Any, numbers: Any) -> Any:
-    return tuple(_filled(part, numbers) for part in form) if isinstance(form, tuple | list) else next(numbers)
+    return filled(form, iter(numbers))
 
 
 def _where(effect: Effect, p: Values, chosen: np.ndarray) -> Values:

@@ -14,7 +14,7 @@ TargetKind = Literal["actuator", "joint", "body", "channel", "robot"]
 Reference = Literal[
     "one", "command", "command/time", "output", "speed", "torque", "torque/speed", "torque/motion", "extremes",
     "reach", "inertia", "mass", "length", "play", "1/run",
-    "1/torque", "turn",
+    "1/torque", "turn", "forward/time", "turn/time",
 ]  # fmt: skip
 Values = Mapping[str, Array]  # parameter name -> value, an array that broadcasts over the signal
 
@@ -27,6 +27,7 @@ Site = Literal[
     "servo",  # how a position servo turns its error into a force
     "output",  # any other change of the actuator's output
     "pair",  # the speeds of two wheels together
+    "pair command",  # their commands together, as a base controller passes them on
     "play",  # free motion between motor and link
     "spring",  # elasticity between motor and link
     "dry friction",  # a constant torque against a joint's motion
@@ -93,8 +94,10 @@ class Parameter:
     actuator's largest; "torque/speed" and "torque/motion" the torque over the joint's typical speed and over the size
     of its motion; "command/time" the command's range in one second; "1/run" is one over the longest run, 1/s,
     "1/torque" one over the torque; "extremes" stands for the highest (a positive probe) and the lowest (a negative one)
-    position that the runs reach; "turn" is the peak of half the difference of two wheels' speeds; "reach" is a radian,
-    or for a joint that slides its range in the runs; "inertia", "mass", "length" and "play" are the robot's own).
+    position that the runs reach; "turn" is the peak of half the difference of two wheels' speeds; "forward/time" and
+    "turn/time" are the ranges of the mean and of half the difference of their commands, in one second; "reach" is a
+    radian, or for a joint that slides its range in the runs; "inertia", "mass", "length" and "play" are the
+    robot's own).
     """
 
     name: str
@@ -129,7 +132,8 @@ class Effect:
     - command:  start(ops, p, u, dt) -> memory;  step(ops, p, memory, u, dt) -> (u, memory)
     - output:   start(ops, p, y) -> memory;  step(ops, p, memory, y, clock, dt) -> (y, memory); clock is s since the
       run began
-    - pair:     step(ops, p, left, right) -> (left, right), the speeds of two wheels, rad/s
+    - pair:     start(ops, p, left, right, dt) -> memory;  step(ops, p, memory, left, right, dt) -> ((left, right),
+      memory), the speeds of two wheels or at the site "pair command" their commands, rad/s
     - speed:    step(ops, p, w) -> lowest and highest output at the actuator's speed w, rad/s
     - servo:    step(ops, p, x, error, dt) -> x after dt, which is added to the setpoint of a position servo
     - friction: step(ops, p, w, tau) -> torque against the motion, N m (times sgn(w))

@@ -34,7 +34,7 @@ from residual_mpc.effects.contact import (
     WHEEL_RADIUS,
     WHEEL_RADIUS_MISMATCH,
 )
-from residual_mpc.effects.drive import SHARED_LIMIT, TURN_GAIN, TURN_LIMIT
+from residual_mpc.effects.drive import FORWARD_RATE_LIMIT, SHARED_LIMIT, TURN_GAIN, TURN_LIMIT, TURN_RATE_LIMIT
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.sensor import (
     CLOCK_SKEW,
@@ -76,9 +76,11 @@ MINUTES = "log one run of several minutes, with motion in its first and in its l
 FOLDED = "hold the arm stretched out and folded, in several directions"
 AROUND = "hold the arm stretched out in several directions about the vertical"
 OFF = "log stretches with the motor off (enabled.* = 0)"
+STEPS_AHEAD = "drive straight ahead in small and large steps"
+STEPS_OF_TURN = "turn in place in small and large steps"
 
-# Of several pairs in a group the first counts. Those of the low-passed and scaled readings and from gear efficiency on
-# follow from the equations; the others were measured.
+# Of several pairs in a group the first counts. Those of the low-passed and scaled readings, of a base's acceleration
+# limits and from gear efficiency on follow from the equations; the others were measured.
 SEPARATIONS: tuple[Separation, ...] = (
     Separation(COMMAND_DELAY, SENSOR_DELAY, ENCODERS, OFF),
     Separation(ACTUATOR_LAG, SENSOR_LAG, ENCODERS, OFF),
@@ -100,6 +102,13 @@ SEPARATIONS: tuple[Separation, ...] = (
     Separation(TURN_LIMIT, SATURATION, "spin in place, and drive straight ahead as fast", ""),
     Separation(TURN_LIMIT, TRACK_WIDTH, "drive slow and fast turns", ""),
     Separation(TURN_LIMIT, TURN_GAIN, "drive slow and fast turns", ""),
+    Separation(RATE_LIMIT, FORWARD_RATE_LIMIT, "change speed and turn at the same time", ""),
+    Separation(RATE_LIMIT, TURN_RATE_LIMIT, "change speed and turn at the same time", ""),
+    Separation(FORWARD_RATE_LIMIT, ACTUATOR_LAG, STEPS_AHEAD, ""),
+    Separation(TURN_RATE_LIMIT, ACTUATOR_LAG, STEPS_OF_TURN, ""),
+    Separation(FORWARD_RATE_LIMIT, SENSOR_LAG, STEPS_AHEAD, ""),
+    Separation(TURN_RATE_LIMIT, SENSOR_LAG, STEPS_OF_TURN, ""),
+    Separation(TURN_RATE_LIMIT, TURN_LIMIT, "hold fast turns until the yaw rate is steady", ""),
     Separation(TRACK_WIDTH, SENSOR_SCALE, "log pose.x and pose.y beside the heading, and drive on after turns", ""),
     Separation(ACTUATOR_LAG, COMMAND_DELAY, "drive steps and fast multisines of both wheels", "send steps and a chirp"),
     Separation(COULOMB, BACKLASH, "", CHIRP),
@@ -157,6 +166,7 @@ TWINS: tuple[Twins, ...] = (
     _twins(WHEEL_RADIUS, SLOPE, "wheeled", "straight"),
     _twins(LONGITUDINAL_SLIP, SLOPE, "wheeled", "straight"),
     _twins(SATURATION, SHARED_LIMIT, "wheeled", "straight"),
+    _twins(RATE_LIMIT, FORWARD_RATE_LIMIT, "wheeled", "straight"),
     _twins(ACTUATOR_GAIN, LONGITUDINAL_SLIP, "wheeled", "straight", "no_encoders"),
     _twins(ACTUATOR_GAIN, SLOPE, "wheeled", "straight", "no_encoders"),
     _twins(COMMAND_DELAY, SENSOR_DELAY, "arm", "no_drops"),

@@ -15,7 +15,9 @@ from controllers.riccati import dlqr, linearise
 from controllers.settings import Limits, MpcSettings, Soft, Weights
 from controllers.soft import softened
 from residual_mpc.errors import BadInput
+from residual_mpc.models.settings import Knob
 
+SLUGGISH = {Knob("forward_rate_limit", None, "rate"): 5.0, Knob("turn_rate_limit", None, "rate"): 2.0}  # rad/s^2
 FAST = MpcSettings(compile=False)  # the virtual machine: no test waits for a compiler but the one that compares
 
 
@@ -28,8 +30,9 @@ def test_it_follows_a_figure_eight(solver, network):
     assert errors[40:].max() < 0.01
 
 
-def test_a_model_without_the_delay_follows_worse():
-    plant = drive({**SLOW})
+@pytest.mark.parametrize("effects", [SLOW, SLUGGISH], ids=["late", "limited"])
+def test_a_model_without_the_effects_follows_worse(effects):
+    plant = drive(effects)
     knows = follow(build_mpc(plant, FAST), plant, 200)[0]
     mpc = build_mpc(drive(), FAST)
     state, x = mpc.init(), plant.start({"pose.theta": float(figure_eight(np.zeros(1))[0, 2])})

@@ -30,7 +30,14 @@ from residual_mpc.effects.body import (
 )
 from residual_mpc.effects.command import breakaway_step, dead_zone_step, delay_start, delay_step
 from residual_mpc.effects.contact import radius_over_turn, slope_drift
-from residual_mpc.effects.drive import shared_limit_step, turn_gain_step, turn_limit_step
+from residual_mpc.effects.drive import (
+    FORWARD_RATE_LIMIT,
+    SHARED_LIMIT,
+    TURN_GAIN,
+    TURN_LIMIT,
+    TURN_RATE_LIMIT,
+)
+from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.ground import ground_twist
 from residual_mpc.effects.ops import NUMPY, Array, Ops, casadi_ops, jax_ops
 from residual_mpc.effects.sensor import mounted, unmounted
@@ -101,11 +108,18 @@ def _one(step: Callable[..., Any], *names: str) -> Equation:
     return equation
 
 
-def _pair(step: Callable[..., tuple[Array, Array]], name: str) -> Equation:
-    """An equation of two wheels' speeds."""
+def _pair(effect: Effect) -> Equation:
+    """An equation of two wheels' speeds, over a sequence: left and right in turn."""
+    assert effect.start is not None and effect.step is not None
+    (parameter,), start, step = effect.parameters, effect.start, effect.step
 
-    def equation(ops: Ops, value: Array, left: Array, right: Array) -> tuple[Array, ...]:
-        return step(ops, {name: value}, left, right)
+    def equation(ops: Ops, value: Array, *u: Array) -> tuple[Array, ...]:
+        p, out = {parameter.name: value}, list[Array]()
+        memory: Any = start(ops, p, u[0], u[1], DT)
+        for left, right in zip(u[::2], u[1::2], strict=True):
+            speeds, memory = step(ops, p, memory, left, right, DT)
+            out += speeds
+        return tuple(out)
 
     return equation
 
@@ -120,9 +134,11 @@ EQUATIONS: dict[str, tuple[Equation, list[tuple[float, float]], int]] = {
     "actuator_gain": (_one(lambda o, p, y: gain_step(o, p, (), y, 0.0, DT)[0], "gain"), [(0.1, 2.0)], 1),
     "saturation": (_one(lambda o, p, y: saturation_step(o, p, (), y, 0.0, DT)[0], "limit"), [(0.1, 3.0)], 1),
     "voltage_sag": (_one(lambda o, p, y: sag_step(o, p, (), y, 9.0, DT)[0], "rate"), [(0.0, 0.2)], 1),
-    "turn_gain": (_pair(turn_gain_step, "gain"), [(0.1, 2.0)], 2),
-    "turn_limit": (_pair(turn_limit_step, "limit"), [(0.1, 3.0)], 2),
-    "shared_limit": (_pair(shared_limit_step, "limit"), [(0.1, 3.0)], 2),
+    "turn_gain": (_pair(TURN_GAIN), [(0.1, 2.0)], 2),
+    "turn_limit": (_pair(TURN_LIMIT), [(0.1, 3.0)], 2),
+    "shared_limit": (_pair(SHARED_LIMIT), [(0.1, 3.0)], 2),
+    "forward_rate_limit": (_pair(FORWARD_RATE_LIMIT), [(1.0, 100.0)], STEPS),
+    "turn_rate_limit": (_pair(TURN_RATE_LIMIT), [(1.0, 100.0)], STEPS),
     "coulomb_friction": (_one(coulomb_level, "torque"), [(0.0, 1.0)], 2),
     "viscous_friction": (_one(viscous_torque, "coefficient"), [(0.0, 1.0)], 2),
     "stribeck_friction": (

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from residual_mpc.effects import chain as chain_module
-from residual_mpc.effects.chain import chain_of, command_chain, leaves, limits_of, on_errors, speed_chain, speed_chains
+from residual_mpc.effects.chain import chain_of, command_chain, filled, leaves, limits_of, on_errors
 from residual_mpc.effects.effect import Effect, Parameter, Site
 from residual_mpc.effects.library import BY_NAME, LIBRARY, changes, holder, present, slots_of
 from residual_mpc.effects.ops import NUMPY
+from residual_mpc.effects.speed_chain import speed_chain, speed_chains
 from residual_mpc.export.soften import kinks
 
 DT, STEPS = 0.02, 60  # s
@@ -28,6 +29,8 @@ NUMBERS = {  # (1, 2) of each effect of the chain
     "turn_gain": {"gain": np.array([[0.6]])},
     "turn_limit": {"limit": np.array([[0.5]])},
     "shared_limit": {"limit": np.array([[0.7]])},
+    "forward_rate_limit": {"rate": np.array([[20.0]])},
+    "turn_rate_limit": {"rate": np.array([[30.0]])},
 }
 
 
@@ -58,7 +61,7 @@ def stepped(effects: Mapping[str, Mapping[str, np.ndarray]], u: np.ndarray) -> n
         for chain, pair in zip_longest(chains, pairs):
             y = [chain(kinks(NUMPY, 0.0), w, y[i], values, now, new, clock) for i, w in enumerate(WHEELS)]
             if pair is not None:
-                y = list(pair.step(NUMPY, {k: float(v[0, 0]) for k, v in effects[pair.name].items()}, *y))
+                y = pair(kinks(NUMPY, 0.0), y, values(pair.effect.name, "left"), now, new)
         return y
 
     now: dict[str, float] = {}
@@ -67,8 +70,9 @@ def stepped(effects: Mapping[str, Mapping[str, np.ndarray]], u: np.ndarray) -> n
         now |= chain.resting(dict(zip(WHEELS, arrived, strict=True)), values)
         arrived = [chain(kinks(NUMPY, 0.0), w, arrived[i], values, now, {}, 0.0) for i, w in enumerate(WHEELS)]
         if pair is not None:
-            arrived = list(pair.step(NUMPY, {k: float(v[0, 0]) for k, v in effects[pair.name].items()}, *arrived))
-    assert set(now) == {s for chain in chains for s in chain.states}
+            now |= pair.resting(arrived, values(pair.effect.name, "left"))
+            arrived = pair(kinks(NUMPY, 0.0), arrived, values(pair.effect.name, "left"), now, {})
+    assert set(now) == {s for part in (*chains, *pairs) for s in part.states}
     out = np.empty_like(u)
     for k, row in enumerate(u):
         new: dict[str, float] = {}
@@ -103,12 +107,33 @@ def test_a_motor_lags_behind_its_limit_and_not_behind_an_unlimited_speed() -> No
     assert falls[0] < 0.95 * speed[0, 30, 0]
 
 
+def test_a_base_limits_its_commands_behind_their_delay_and_before_all_else() -> None:
+    effects = {n: NUMBERS[n] for n in ("command_delay", "dead_zone", "forward_rate_limit", "turn_gain", "actuator_lag")}
+    chains, pairs = speed_chains(effects, WHEELS, DT)
+    assert [pair.effect.name for pair in pairs] == ["forward_rate_limit", "turn_gain"]
+    assert [[e.name for e in c.effects] for c in chains] == [["command_delay"], ["dead_zone"], ["actuator_lag"]]
+
+
+def test_a_base_speeds_up_and_turns_at_rates_of_their_own() -> None:
+    """A step of both commands: the mean climbs by one rate, half of the difference by the other, and both arrive."""
+    effects = {n: NUMBERS[n] for n in ("forward_rate_limit", "turn_rate_limit")}
+    u = np.zeros((1, STEPS, 2))
+    u[:, 1:31] = [1.0, 5.0]
+    y = speed_chain(effects, u, None, np.zeros((1, 1, 1)), DT)[0]
+    passed = DT * np.arange(1, 31)  # s
+    np.testing.assert_allclose(y[1:31].mean(axis=1), np.minimum(20.0 * passed, 3.0), atol=1e-12)
+    np.testing.assert_allclose(0.5 * (y[1:31, 1] - y[1:31, 0]), np.minimum(30.0 * passed, 2.0), atol=1e-12)
+    np.testing.assert_allclose(y[31:].mean(axis=1), np.maximum(3.0 - 20.0 * DT * np.arange(1, 30), 0.0), atol=1e-12)
+
+
 def test_memory_is_named_after_its_effect_and_target() -> None:
     effects = {n: NUMBERS[n] for n in ("command_delay", "actuator_lag")}
     chain = chain_of(effects, ("command",), WHEELS, DT)
     late = tuple(f"sent.{w}.{j}" for w in WHEELS for j in (1, 2, 3))  # as long as the larger delay needs
     assert chain.states == (*late, "lag.left", "lag.right")
-    assert leaves((1, (2, [3]), ())) == [1, 2, 3]
+    assert leaves((1, (2, [3]), ())) == [1, 2, 3] and filled((0, (0, [0]), ()), iter([1, 2, 3])) == (1, (2, (3,)), ())
+    _, pairs = speed_chains({n: NUMBERS[n] for n in ("turn_limit", "turn_rate_limit")}, WHEELS, DT)
+    assert [pair.states for pair in pairs] == [("ramp.turn",), ()]
 
 
 def test_at_a_servo_a_dead_zone_acts_on_the_error_alone() -> None:

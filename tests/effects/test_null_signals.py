@@ -49,11 +49,12 @@ def test_an_output_passes(name: str) -> None:
 
 @pytest.mark.parametrize("name", of_port("pair"))
 def test_a_pair_of_wheels_passes(name: str) -> None:
-    effect = BY_NAME[name]
-    assert effect.step is not None
-    left, right = effect.step(NUMPY, null_of(effect), SIGNALS[0], SIGNALS[1])
-    np.testing.assert_array_equal(left, SIGNALS[0])
-    np.testing.assert_array_equal(right, SIGNALS[1])
+    effect, p = BY_NAME[name], null_of(BY_NAME[name])
+    assert effect.start is not None and effect.step is not None
+    memory = effect.start(NUMPY, p, SIGNALS[0], SIGNALS[1], DT)
+    for left, right in zip(SIGNALS[:-1], SIGNALS[1:], strict=True):
+        out, memory = effect.step(NUMPY, p, memory, left, right, DT)
+        np.testing.assert_array_equal(out, (left, right))
 
 
 @pytest.mark.parametrize("name", of_port("friction"))

@@ -30,6 +30,8 @@ EFFECTS: dict[str, dict[Knob, float]] = {
     "turn_gain": {Knob("turn_gain", None, "gain"): 0.7},
     "turn_limit": {Knob("turn_limit", None, "limit"): 2.0},
     "shared_limit": {Knob("shared_limit", None, "limit"): 5.0},
+    "forward_rate_limit": {Knob("forward_rate_limit", None, "rate"): 25.0},
+    "turn_rate_limit": {Knob("turn_rate_limit", None, "rate"): 20.0},
     "wheel_radius": {Knob("wheel_radius", None, "scale"): 0.9},
     "wheel_radius_mismatch": {Knob("wheel_radius_mismatch", None, "ratio"): 1.05},
     "track_width": {Knob("track_width", None, "scale"): 1.3},

@@ -64,10 +64,11 @@ def test_a_limit_far_off_is_looked_at_as_well():
     assert agreement(m, mapped(casadi_model(m).f, m.p), np.random.default_rng(0)).largest < 1e-9
 
 
-@pytest.mark.parametrize("name", ["turn_limit", "shared_limit"])
+@pytest.mark.parametrize("name", ["turn_limit", "shared_limit", "forward_rate_limit", "turn_rate_limit"])
 @pytest.mark.parametrize("limit", [2.0, 40.0, math.inf])
 def test_a_smoothed_limit_of_both_wheels_is_off_by_the_width_at_most(name, limit):
-    eps, value = 0.1, {Knob(name, None, "limit"): limit}
+    number = {"rate": limit / DT} if "rate" in name else {"limit": limit}
+    eps, value = 0.1, {Knob(name, None, parameter): v for parameter, v in number.items()}
     exact, rounded = (augment(ROBOT, value, None, Build(DT, smooth)) for smooth in (0.0, eps))
     sides = np.array([0.0, 0.3, 1.0, 2.0, 5.0, 39.0, 41.0, 60.0])
     for u in np.array(np.meshgrid(sides, -sides)).reshape(2, -1).T:

@@ -29,6 +29,7 @@ def simulate(
     x, y, theta = pose
     settled = list(command(begin - value.get("command_delay.delay", 0.0)))
     ramp = list(settled)
+    base = [sum(settled) / 2, (settled[1] - settled[0]) / 2]  # forward and turning, rad/s
     play = [0.5 * value.get("backlash.gap", 0.0) * _sign(w) for w in settled]  # motor minus wheel, rad
     turned = [0.0, 0.0]  # rad
     past: list[list[float]] = []  # wheel speeds so far, rad/s
@@ -41,6 +42,7 @@ def simulate(
             out[n] = x, y, theta
             n += 1
         u = list(command(t - value.get("command_delay.delay", 0.0)))
+        u = _ramped(u, base, fine, value)
         width = value.get("dead_zone.width", 0.0)
         u = [0.0 if abs(v) < width else v for v in u]
         loss = value.get("breakaway_loss.loss", 0.0)
@@ -85,6 +87,16 @@ def simulate(
         theta += fine * omega
     out[n:] = x, y, theta
     return out
+
+
+def _ramped(u: list[float], base: list[float], fine: float, value: Mapping[str, float]) -> list[float]:
+    """Wheel speeds, rad/s, of a base that speeds up and turns no faster than its limits; moves `base`, its forward and
+    turning speed."""
+    wanted = (u[0] + u[1]) / 2, (u[1] - u[0]) / 2
+    for i, name in enumerate(("forward_rate_limit.rate", "turn_rate_limit.rate")):
+        ahead = wanted[i] - base[i]
+        base[i] += math.copysign(min(abs(ahead), fine * value.get(name, math.inf)), ahead)
+    return [base[0] - base[1], base[0] + base[1]]
 
 
 def _steered(u: list[float], value: Mapping[str, float]) -> list[float]:

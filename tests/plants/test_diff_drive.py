@@ -31,6 +31,8 @@ FAULTS: dict[str, dict[str, float]] = {
     "turn_gain": {"gain": 0.6},
     "turn_limit": {"limit": 1.0},
     "shared_limit": {"limit": 6.0},
+    "forward_rate_limit": {"rate": 12.0},
+    "turn_rate_limit": {"rate": 8.0},
     "wheel_radius": {"scale": 1.1},
     "wheel_radius_mismatch": {"ratio": 1.05},
     "track_width": {"scale": 1.3},
@@ -165,6 +167,18 @@ def test_a_wheel_that_is_off_is_not_driven_by_the_other(effect: str, parameter: 
     late = Drive(drive.dt, drive.lead, drive.command, on, drive.clock)
     out = ROVER.replay(start, late, settings_of(effect, {parameter: value}), ("output.left", "output.right"))
     assert (out["output.left"][0, 1:] == 0.0).all() and (out["output.right"][0, 1:] > 1.0).all()
+
+
+@pytest.mark.parametrize(("effect", "sides"), [("forward_rate_limit", (1.0, 1.0)), ("turn_rate_limit", (-1.0, 1.0))])
+def test_a_base_that_only_drives_ahead_or_only_spins_is_as_if_each_wheel_were_limited(
+    effect: str, sides: tuple[float, float]
+) -> None:
+    def alike(drive: Drive) -> float:
+        wheels, base = (settings_of(name, {"rate": 15.0}) for name in ("rate_limit", effect))
+        return float(np.abs(replay(drive, wheels) - replay(drive, base)).max())
+
+    swing = drive_of(lambda t: (sides[0] * waving(t)[0], sides[1] * waving(t)[0]), 0.01, 1.0)
+    assert alike(swing) < 1e-12 and alike(drive_of(waving, 0.01, 1.0)) > 0.05
 
 
 @pytest.mark.parametrize(

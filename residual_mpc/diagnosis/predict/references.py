@@ -52,6 +52,9 @@ def measure_references(data: Dataset) -> dict[tuple[str, str], float]:
             left, right = (outputs[a] for a in robot.actuators)
             found.setdefault(("output", base), []).append(float(np.max(np.abs([left, right]))))
             found.setdefault(("turn", base), []).append(float(0.5 * np.max(np.abs(right - left))))
+            sent_left, sent_right = drive[..., 0], drive[..., 1]
+            for kind, sent in (("forward/time", sent_left + sent_right), ("turn/time", sent_right - sent_left)):
+                found.setdefault((kind, base), []).append(float(0.5 * np.ptp(np.quantile(sent, (0.02, 0.98)))))
         rms = dict.fromkeys(all_joints, 0.0)
         for k, a in enumerate(robot.actuators):
             rms[joints[k]] = float(np.sqrt(np.mean(outputs[a] ** 2)))

@@ -22,7 +22,8 @@ from residual_mpc.models.settings import Settings
 ROWS, STEPS = 5, 120
 TORQUES = '<motor name="j1" joint="j1" gear="2"/><motor name="j2" joint="j2"/>'
 EXACT = '<option tolerance="0" ls_tolerance="1e-6"/>'  # MuJoCo's solver otherwise stops 1e-8 too early
-WHEELS = ("pair", "rolling", "roundness", "rim", "side", "drift", "rate")  # the sites of robots that drive
+# the sites of robots that drive
+WHEELS = ("pair", "pair command", "rolling", "roundness", "rim", "side", "drift", "rate")
 # what acts between the sensors and the ground; `output` is of wheels without inertia
 HERE = tuple(e for e in HOSTED if e.port != "sensor" and e.place not in (*WHEELS, "output"))
 
