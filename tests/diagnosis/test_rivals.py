@@ -239,10 +239,10 @@ def test_the_rival_that_holds_on_other_windows_is_taken() -> None:
 
 @pytest.mark.parametrize(
     ("own", "other", "step", "told"),
-    [(0.011, 0.03, 0.0, True), (0.011, 0.012, 0.0, False), (0.011, 0.03, 1.0, True), (0.03, 0.045, 1.0, False)],
+    [(0.011, 0.03, 0.0, True), (0.011, 0.02, 0.0, False), (0.011, 0.03, 1.0, True), (0.03, 0.055, 1.0, False)],
 )
 def test_other_horizons_tell_rivals_apart(own: float, other: float, step: float, told: bool) -> None:
-    """A rival has to leave a visibly larger gap there, and larger by more than the error of the model's step: of which
+    """A rival has to leave a far larger gap there, and larger by more than the error of the model's step, of which
     there is no more than the fit leaves. own, other: squared gaps, at a squared floor of 0.01."""
     lag, delay = Knob("actuator_lag", None, "time_constant"), Knob("command_delay", None, "delay")
     found = found_of({"actuator_lag": {"time_constant": 0.08}}, {lag: 0.08}, ("actuator_lag", "command_delay"))

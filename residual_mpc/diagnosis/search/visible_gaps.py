@@ -47,9 +47,10 @@ def with_gaps_seen(found: Found, fit: Fit, rivals: list[Rival], settings: Search
 def told_over(
     found: Found, fit: Fit, rivals: list[Rival], over: Sequence[Ruler], settings: SearchSettings
 ) -> list[Rival]:
-    """The rivals, of which those are told apart, twins excepted, that leave a visibly larger gap over other horizons:
-    larger by more than the error of the model's own time step, which there is at most what the fit itself leaves."""
-    tuned, out = settings.rivals, list(rivals)
+    """The rivals, of which those are told apart, twins excepted, that leave a far larger gap over other horizons, to
+    which neither is fitted: larger by more than the noise and all that the fit leaves, and than the error of the
+    model's own time step, of which there is no more than the fit leaves."""
+    out = list(rivals)
     close = [
         i
         for i, r in enumerate(rivals)
@@ -60,7 +61,7 @@ def told_over(
     fits = without_small_differences(found.problem, [fit, *(rivals[i].fit for i in close)], settings)
     for ruler in over:
         own, *gaps = ruler.squared(fits[::-1])[::-1]
-        least = max(tuned.visible * ruler.floor, tuned.share * own, min(own - ruler.floor, ruler.step_error(fit)))
+        least = max(ruler.floor, own, min(own - ruler.floor, ruler.step_error(fit)))
         for i, gap in zip(close, gaps, strict=True):
             if gap > own + least:
                 out[i] = _told_apart(out[i], settings=settings)
