@@ -66,7 +66,9 @@ def coloured(data: Dataset, column: np.ndarray, size: float, rng: np.random.Gene
 def explained(problem: Any, fit: Fit, **others: Any) -> Any:
     """A fit as the explanation that `causes_of` describes."""
     rivalry = SimpleNamespace(shares={}, rivals=())
-    usual = {"tolerated": None, "ends": {}, "rivalry": rivalry, "with_outliers": False, "space": problem.space}
+    raw = SimpleNamespace(channels=("pose.x",), compared=np.array([[True]]))
+    usual = {"tolerated": None, "ends": {}, "rivalry": rivalry, "with_outliers": False}
+    usual |= {"space": problem.space, "raw": raw}
     return SimpleNamespace(problem=problem, final=fit, **{**usual, **others})
 
 

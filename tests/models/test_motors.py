@@ -98,6 +98,6 @@ def test_the_e_manuals_stall_torque_is_read_back() -> None:
 
 
 def test_registers_are_named_by_settings_that_exist() -> None:
-    numbers = {"gain": 0.9, "bias": 0.1}
+    numbers = {"gain": 0.9, "bias": 0.1, "delay": 0.02}
     settings = {a.register for e in ADVICE for a in advice_on(e, numbers, 20.0, 16.0)}
     assert {*DYNAMIXEL_X, *FEETECH_STS} <= settings

@@ -49,8 +49,9 @@ def test_a_slider_runs_through_the_interval_and_beyond() -> None:
 
 
 def test_a_slider_stays_within_what_is_possible() -> None:
-    """A delay is never negative, however wide its interval."""
-    values = slider_values(Knob("command_delay", None, "delay"), Estimate("delay", 0.01, (0.001, 0.02), "s"))
+    """A lag is never negative, however wide its interval."""
+    knob = Knob("actuator_lag", None, "time_constant")
+    values = slider_values(knob, Estimate("time_constant", 0.01, (0.001, 0.02), "s"))
     assert values[0] == 0.0
 
 

@@ -28,6 +28,7 @@ from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.search.acceptance import build_ruler, convincing, judge
 from residual_mpc.diagnosis.search.by_target import counted
+from residual_mpc.diagnosis.search.late_partners import with_partner
 from residual_mpc.diagnosis.search.off_bounds import off_bounds
 from residual_mpc.diagnosis.search.optional_numbers import makeup
 from residual_mpc.diagnosis.search.other_starts import begun_with, better_everywhere, other_start
@@ -139,6 +140,10 @@ def _finished(
     """The result and its rivals, with each effect beside that closes a good part of what is left. gone: effects that
     are not tried."""
     settings, rivalry = prepared.options.settings, _rivals_that_hold(prepared, found)
+    late = with_partner(found.problem, found.ruler, rivalry.fit, settings.search)
+    if late is not None and all(t not in gone for t in late.terms):
+        found = _extended(found, late, settings=settings.search)
+        rivalry = _rivals_that_hold(prepared, found)
     seen = {makeup(rivalry.fit.values)}  # a rival may drop the addition again
     while (more := _closed_by_one(found, rivalry.fit, gone, settings)) is not None:
         if makeup(more.fit.values) in seen:

@@ -19,6 +19,7 @@ from residual_mpc.diagnosis.results.records import Cause, Estimate
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.step_shift import finely_stepped
 from residual_mpc.diagnosis.results.support import Support
+from residual_mpc.diagnosis.search.late_partners import LATE, quantity_of
 from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.effects.effect import Parameter
 from residual_mpc.effects.laws import is_law
@@ -29,8 +30,6 @@ from residual_mpc.models.settings import TUNE, Knob, Term
 
 ANGLES = ("heading", "phase")  # numbers that come round after a turn
 AT_BOUND = "at the bound of its search range"
-# dead times and the lags that they trade with: a motor or filter of second order is neither
-LATE = {"command delay": "command lag", "reading delay": "reading lag"}
 
 
 def causes_of(
@@ -146,7 +145,7 @@ def _beside_others(of: FittedExplanation) -> dict[Knob, tuple[float, ...]]:
 def _of_mean_speeds(of: FittedExplanation) -> dict[Knob, tuple[float]]:
     """A dead time's value where logged speeds are means over the last sample, as differences of an encoder's counts
     are: half a sample late. Only where nothing but speeds is compared; what is measured besides would tell."""
-    late = {k: v for k, v in of.final.values.items() if _quantity(k) in ("command delay", "reading delay") and v > 0.0}
+    late = {k: v for k, v in of.final.values.items() if quantity_of(k) in LATE and v > 0.0}
     seen = [of.raw.channels[c] for c in np.flatnonzero(of.raw.compared.any(axis=0))] if late else []
     if not seen or not all(c.startswith("velocity.") for c in seen):
         return {}
@@ -209,15 +208,11 @@ def _estimate(
 def _order(final: Fit, knob: Knob, settings: ResultSettings) -> float:
     """What a dead time and a lag that are both named may take from each other, s: a second-order system is fitted as
     well by less of one and more of the other."""
-    own = _quantity(knob)
+    own = quantity_of(knob)
     lag = LATE.get(own, own)
-    dead = [k for k in final.knobs if LATE.get(_quantity(k)) == lag]
-    slow = [final.values[k] for k in final.knobs if _quantity(k) == lag]
+    dead = [k for k in final.knobs if LATE.get(quantity_of(k)) == lag]
+    slow = [final.values[k] for k in final.knobs if quantity_of(k) == lag]
     return settings.causes.order * max(slow) if dead and slow else 0.0
-
-
-def _quantity(knob: Knob) -> str:
-    return "" if knob.effect == TUNE else BY_NAME[knob.effect].parameter(knob.parameter).quantity or ""
 
 
 def _note(held: bool, apart: bool) -> str:
