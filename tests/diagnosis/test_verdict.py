@@ -159,3 +159,14 @@ def test_the_median_window_tells_what_a_few_windows_hide() -> None:
     sensitive = replace(look.floor, typical=0.003)
     usual = replace(look, quantiles={"after": {"p50": 0.012}}, floor=sensitive)
     assert usual.times_floor == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "times", "expected"),
+    [("effects", 1.5, 1.0), ("effects", 2.0, 1.0), ("effects", 2.5, 0.935 - 0.15 * np.log(1.25)),
+     ("effects", 4.0, 0.87 - 0.15 * np.log(2.0)), ("partial", 1.5, 0.87), ("partial", 4.0, 0.87 - 0.15 * np.log(2.0))],
+)  # fmt: skip
+def test_a_gap_that_is_small_but_above_the_noise_is_no_evidence(verdict: str, times: float, expected: float) -> None:
+    settings = ResultSettings()
+    found = most_sure(verdict, 0.0, times, 1.0, settings=settings)
+    assert found == pytest.approx(settings.causes.most_sure * expected)
