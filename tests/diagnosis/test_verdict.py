@@ -9,7 +9,7 @@ import pytest
 
 from residual_mpc.diagnosis.data.gap import Gap
 from residual_mpc.diagnosis.data.where import Where
-from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond, floor_from, with_luck
+from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, _weighted_median, beyond, floor_from, with_luck
 from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.diagnosis.remainder.records import Curve, Dependence, Rest
 from residual_mpc.diagnosis.results.causes import most_sure
@@ -170,3 +170,9 @@ def test_a_gap_that_is_small_but_above_the_noise_is_no_evidence(verdict: str, ti
     settings = ResultSettings()
     found = most_sure(verdict, 0.0, times, 1.0, settings=settings)
     assert found == pytest.approx(settings.causes.most_sure * expected)
+
+
+def test_the_median_window_is_that_of_all_windows_that_others_stand_for() -> None:
+    x, weights = np.array([1.0, 2.0, 3.0, np.nan]), np.array([1.0, 1.0, 5.0, 9.0])
+    assert _weighted_median(x, weights) == 3.0 and _weighted_median(x, np.array([1.0, 1.0, 1.0, 0.0])) == 2.0
+    assert np.isnan(_weighted_median(x, np.zeros(4)))

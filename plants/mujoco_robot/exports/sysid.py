@@ -14,8 +14,10 @@ from plants.mujoco_robot.mjcf import apart, not_held, write_memory, write_number
 from plants.mujoco_robot.simulation.constants import corrected_constants
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.body import TOOL_AXES
+from residual_mpc.effects.command import COMMAND_DELAY
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import BY_NAME
+from residual_mpc.effects.surroundings import GRAVITY_COMPENSATION
 from residual_mpc.errors import BadInput
 from residual_mpc.models.settings import TUNE, Knob, Settings, Values, assemble
 from residual_mpc.models.simulating import Edit, SysidParameter, SysidSet
@@ -95,6 +97,10 @@ def _sorted(
         effect = None if knob.effect == TUNE else BY_NAME[knob.effect]
         if effect is not None and (effect.own or not_held(effect)):
             left_out.append(f"{effect.name}: {not_held(effect)}")
+        elif effect is GRAVITY_COMPENSATION:
+            left_out.append(f"{effect.name}: a specification of parameters has no controller")
+        elif effect is COMMAND_DELAY and value <= 0.0:
+            left_out.append(f"{effect.name}: commands that act before their stamps are a fault of the log")
         elif effect is not None and _line(effect) == knob.parameter and knob in intervals:
             free.append(knob)
         elif effect is not None and effect.parameter(knob.parameter).quantity in TOOL_AXES.values():

@@ -141,7 +141,7 @@ def _finished(
     are not tried."""
     settings, rivalry = prepared.options.settings, _rivals_that_hold(prepared, found)
     late = with_partner(found.problem, found.ruler, rivalry.fit, settings.search)
-    if late is not None and all(t not in gone for t in late.terms):
+    if late is not None and counted(late.terms) <= settings.search.largest and all(t not in gone for t in late.terms):
         found = _extended(found, late, settings=settings.search)
         rivalry = _rivals_that_hold(prepared, found)
     seen = {makeup(rivalry.fit.values)}  # a rival may drop the addition again

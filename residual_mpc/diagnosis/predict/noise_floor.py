@@ -76,8 +76,19 @@ def floor_under(
     """The floor from the errors (draws, W, M, C) that noise alone makes on windows with these weights (W,)."""
     counted = weights > 0
     found = floor_from([gap_of(data, scales, e, weights) for e in errors], int(counted.sum()), settings=settings)
-    own = [np.nanmedian(per_window(data, scales, e)[counted]) for e in errors] if counted.any() else []
-    return replace(found, typical=float(np.sqrt(np.mean(own))) if own else float("nan"))
+    own = np.array([per_window(data, scales, e) for e in errors])
+    medians = [_weighted_median(x, weights) for x in own]
+    return replace(found, typical=float(np.sqrt(np.mean(medians))))
+
+
+def _weighted_median(x: np.ndarray, weights: np.ndarray) -> float:
+    """The median of x (W,), each of which counts as often as its weight (W,); NaN where none counts."""
+    good = np.isfinite(x) & (weights > 0)
+    if not good.any():
+        return float("nan")
+    order = np.argsort(x[good])
+    passed = np.cumsum(weights[good][order])
+    return float(x[good][order][np.searchsorted(passed, 0.5 * passed[-1])])
 
 
 def floor_from(drawn: Sequence[Gap], windows: int, settings: PredictSettings) -> NoiseFloor:

@@ -100,12 +100,14 @@ def earliest(block: Block, settings: Settings) -> np.ndarray:
 
 
 def beyond(block: Block, settings: Settings) -> float:
-    """s: how long after the windows' ends the replay ends, for the hypothesis with the earliest stamps."""
-    skews = changes(settings.effects, "reading skew")
+    """s: how long after the windows' ends the replay ends, for the hypothesis with the earliest stamps, or with
+    commands that act before theirs."""
+    skews, delays = (changes(settings.effects, q) for q in ("reading skew", "command delay"))
+    early = 0.0 if delays is None else max(0.0, -float(delays.min()))
     if skews is None:
-        return 0.0
+        return early
     ends = block.drive.clock + block.drive.dt * block.drive.steps
-    return max(0.0, -float(lateness(skews.min(axis=1)[:, None], ends).min()))
+    return max(early, -float(lateness(skews.min(axis=1)[:, None], ends).min()))
 
 
 def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start | None) -> np.ndarray:

@@ -260,7 +260,7 @@ def build_space(
     robot = data.blocks[0].robot
     slots = Targets(robot)
     chosen = [e for e in FITTED if (not only or e.name in only) and e.name not in without]
-    if slots[COULOMB.name]:  # dry friction of joints does the same as what a command loses
+    if COULOMB in chosen and slots[COULOMB.name]:  # dry friction of joints does the same as what a command loses
         chosen = [e for e in chosen if e is not BREAKAWAY_LOSS]
     candidates = tuple(t for e in chosen for t in _terms(e, slots[e.name], data))
     why = f"no run is longer than {(longest := longest_run(data)):.2g} s"

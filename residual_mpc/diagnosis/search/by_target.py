@@ -81,8 +81,10 @@ def _linear_step(
     tuned = settings.fit.least_squares
     step = tuned.rough_step if space.rough else tuned.step
     moves = [{**split, k: _moved(space, k, split[k], step)} for k in free]
-    base, *moved = problem.residuals([split, *moves])
     sizes = np.array([m[k] - split[k] for m, k in zip(moves, free, strict=True)])
+    if not len(free) or not (np.isfinite(sizes) & (sizes != 0.0)).all():
+        return out, 0.0
+    base, *moved = problem.residuals([split, *moves])
     basis, r = absorbed(parent), base.ravel()
     columns = np.stack([(x.ravel() - r) / s for x, s in zip(moved, sizes, strict=True)], axis=1)
     columns, left = columns - basis @ (basis.T @ columns), r - basis @ (basis.T @ r)

@@ -7,6 +7,8 @@ then speaks for both beyond doubt, though a search adds no effect that does not 
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.fit.start_values import possible
@@ -35,8 +37,8 @@ def with_partner(problem: Problem, ruler: Ruler, fit: Fit, settings: SearchSetti
     starts: list[Values] = []
     for knob in (k for k in fit.knobs if fit.values[k] > 0.0):
         for other in _partners(problem.space, fit, knob):
-            half = 0.5 * fit.values[knob]
-            starts.append({**fit.values, knob: half, other: half})
+            half = {k: float(np.clip(0.5 * fit.values[knob], *problem.space.bounds(k))) for k in (knob, other)}
+            starts.append({**fit.values, **half})
     if not starts:
         return None
     plain = tolerating(problem, None)  # small differences may take up what tells the two apart

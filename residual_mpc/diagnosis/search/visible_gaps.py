@@ -48,8 +48,8 @@ def told_over(
     found: Found, fit: Fit, rivals: list[Rival], over: Sequence[Ruler], settings: SearchSettings
 ) -> list[Rival]:
     """The rivals, of which those are told apart, twins excepted, that leave a far larger gap over other horizons, to
-    which neither is fitted: larger by more than the noise and all that the fit leaves, and than the error of the
-    model's own time step, of which there is no more than the fit leaves."""
+    which neither is fitted: larger by more than the noise and than all that the fit leaves, of which the error of the
+    model's own time step is a part."""
     out = list(rivals)
     close = [
         i
@@ -61,7 +61,7 @@ def told_over(
     fits = without_small_differences(found.problem, [fit, *(rivals[i].fit for i in close)], settings)
     for ruler in over:
         own, *gaps = ruler.squared(fits[::-1])[::-1]
-        least = max(ruler.floor, own, min(own - ruler.floor, ruler.step_error(fit)))
+        least = max(ruler.floor, own)  # no less than the step's error, of which there is at most own - floor
         for i, gap in zip(close, gaps, strict=True):
             if gap > own + least:
                 out[i] = _told_apart(out[i], settings=settings)

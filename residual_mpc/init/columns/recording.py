@@ -14,6 +14,7 @@ from residual_mpc.init.columns.words import TIME_WORDS, ColumnName, read_words, 
 from residual_mpc.logs.columns import RUNS as RUN_WORDS
 from residual_mpc.logs.columns import group, is_measured
 from residual_mpc.logs.readers.cells import labels, numbers_or_none
+from residual_mpc.logs.readers.dates import as_nanoseconds
 from residual_mpc.logs.readers.find import find_tables, stem
 from residual_mpc.logs.readers.headers import read_headers
 from residual_mpc.logs.readers.read import MEMORY_LIMIT
@@ -84,7 +85,7 @@ def _read(header: Header) -> list[Recording]:
     for name, column in table.columns.items():
         values = numbers_or_none(column)
         if values is None:
-            values = _dates_as_numbers(column, name)
+            values = _dates_as_numbers(column, name, str(path))
             if values is not None:
                 dates.append(name)
         if values is None:
@@ -158,19 +159,12 @@ def _split(whole: Recording, run_column: str, column: Any) -> list[Recording]:
     return parts
 
 
-def _dates_as_numbers(column: Any, name: str) -> FloatArray | None:
-    """(n,) ns since 1970 of a column of dates, None where it holds anything else."""
-    import pandas as pd
+def _dates_as_numbers(column: Any, name: str, where: str) -> FloatArray | None:
+    """(n,) ns since 1970 of a column of dates that every command reads, None where it holds anything else. Raises
+    BadInput as reading does."""
     import pyarrow as pa
 
-    kind = column.type
-    if pa.types.is_timestamp(kind):
-        stamps = column.cast(pa.timestamp("ns", kind.tz), safe=False).cast(pa.int64())
-        return np.array(stamps.to_numpy(), dtype=np.float64)
-    if not pa.types.is_string(kind) or not set(tokens(name)) & TIME_WORDS:
+    if not pa.types.is_timestamp(column.type) and not set(tokens(name)) & TIME_WORDS:
         return None
-    stamps = pd.to_datetime(pd.Series(column.to_pylist()), errors="coerce", utc=True, format="ISO8601")
-    if stamps.isna().mean() > 0.01:
-        return None
-    epoch = pd.Timestamp(0, tz="UTC")
-    return ((stamps - epoch) / pd.Timedelta(1, "ns")).to_numpy(dtype=np.float64)
+    stamps = as_nanoseconds(column, name, where)
+    return None if stamps is None else np.array(stamps.to_numpy(), dtype=np.float64)

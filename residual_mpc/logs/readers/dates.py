@@ -20,6 +20,8 @@ def as_nanoseconds(column: Any, name: str, where: str) -> Any | None:
     import pyarrow as pa
 
     kind = column.type
+    if pa.types.is_dictionary(kind):
+        column, kind = column.cast(kind.value_type), kind.value_type
     if pa.types.is_timestamp(kind):
         dates = _cast(column, kind.tz)
         if dates is None:

@@ -44,6 +44,8 @@ def pieces_of(header: Header, names: tuple[str, ...], robot: ColumnNames) -> Ite
     columns = dict(table.columns)
     dates = set()
     for name in columns.keys() & clocks:
+        if name != layout.columns.get("t") and name not in needed:
+            continue  # the time of another variant
         stamps = as_nanoseconds(columns[name], "t", where)
         if stamps is not None:
             columns[name] = stamps
