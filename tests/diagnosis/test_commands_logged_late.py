@@ -14,6 +14,7 @@ from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.predict.references import BETWEEN, measure_references
+from residual_mpc.diagnosis.predict.replay import beyond
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.causes import _of_mean_speeds
 from residual_mpc.effects.command import delay_sequence, delay_start, delay_step
@@ -53,6 +54,13 @@ def test_only_smooth_commands_may_have_been_sent_more_often(held: int, expected:
     assert measure_references(data)[BETWEEN] == pytest.approx(expected)
     space = build_space(data, ())
     assert space.bounds(DELAY)[0] == pytest.approx(-0.5 * expected) and space.bounds(LEFT)[0] == 0.0
+
+
+@pytest.mark.parametrize(("delay", "expected"), [(-0.02, 0.02), (0.02, 0.0), (0.0, 0.0)])
+def test_the_replay_knows_the_commands_behind_a_window(delay: float, expected: float) -> None:
+    data = build_dataset([rover_run("r", {}, 12.0)], [ROVER], SIGMA)
+    row = build_space(data, ()).settings([{DELAY: delay}])
+    assert beyond(data.blocks[0], row) == pytest.approx(expected)
 
 
 def test_a_thinner_log_is_named_as_that() -> None:

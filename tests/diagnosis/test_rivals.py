@@ -238,17 +238,16 @@ def test_the_rival_that_holds_on_other_windows_is_taken() -> None:
 
 
 @pytest.mark.parametrize(
-    ("own", "other", "step", "told"),
-    [(0.011, 0.03, 0.0, True), (0.011, 0.02, 0.0, False), (0.011, 0.03, 1.0, True), (0.03, 0.055, 1.0, False)],
+    ("own", "other", "told"), [(0.011, 0.03, True), (0.011, 0.02, False), (0.005, 0.014, False), (0.03, 0.055, False)]
 )
-def test_other_horizons_tell_rivals_apart(own: float, other: float, step: float, told: bool) -> None:
-    """A rival has to leave a far larger gap there, and larger by more than the error of the model's step, of which
-    there is no more than the fit leaves. own, other: squared gaps, at a squared floor of 0.01."""
+def test_other_horizons_tell_rivals_apart(own: float, other: float, told: bool) -> None:
+    """A rival has to leave a far larger gap there: larger by more than the noise, and than what the fit leaves. own,
+    other: squared gaps, at a squared floor of 0.01."""
     lag, delay = Knob("actuator_lag", None, "time_constant"), Knob("command_delay", None, "delay")
     found = found_of({"actuator_lag": {"time_constant": 0.08}}, {lag: 0.08}, ("actuator_lag", "command_delay"))
     (fit,) = fit_all(found.problem, [{delay: 0.08}])
     rival = Rival((lag.term,), (delay.term,), fit, 1.0, True)
-    over: Any = SimpleNamespace(squared=lambda _: [other, own], floor=0.01, step_error=lambda _: step)
+    over: Any = SimpleNamespace(squared=lambda _: [other, own], floor=0.01)
     (found_rival,) = told_over(found, found.fit, [rival], [over], settings=SearchSettings())
     assert found_rival.alike is not told and (found_rival.ratio >= 10.0) is told
     assert told_over(found, found.fit, [rival], [], settings=SearchSettings()) == [rival]

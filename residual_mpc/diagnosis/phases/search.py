@@ -204,7 +204,7 @@ def _closed_by_one(found: Found, current: Fit, gone: tuple[Term, ...], settings:
     if not current.terms or counted(current.terms) >= search.largest or not left:
         return None
     if not much and gap - ruler.floor <= ruler.step_error(current):
-        return None  # the model's own time step may make that, and little evidence is asked for here
+        return None  # the model's own time step may make that, and this addition needs little evidence
     plain = tolerating(found.problem, None)  # small differences elsewhere may absorb what the effect explains
     near, enough = None, search.sizeable if much else search.most
     far = max(enough, (1.0 - search.rivals.far_smaller) * gap / max(gap - ruler.floor, 1e-12))

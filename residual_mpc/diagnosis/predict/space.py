@@ -270,7 +270,7 @@ def build_space(
     if not any(f"velocity.{a}" in data.channels for a in robot.actuators):
         ruled_out |= {t: AS_TRACK for t in candidates if t.effect == TURN_GAIN.name}
     ruled_out |= {t: because[t] for t in candidates if t in because}
-    arm = bool(slots[TORQUE_OFFSET.name])  # of a robot that drives nobody expects it, unless it is asked for
+    arm = bool(slots[TORQUE_OFFSET.name])  # not reported for driving robots unless asked for
     absent = [e for e in chosen if not slots[e.name] and (e.name in only or arm and e.lacking)]
     ruled_out |= {Term(e.name, None): e.lacking or "this robot cannot have it" for e in absent}
     references = measure_references(data)

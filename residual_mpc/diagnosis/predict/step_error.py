@@ -50,7 +50,7 @@ def step_error(
 ) -> float | None:
     """The gap between a model and one stepped infinitely finely, on at most so many windows; those that diverge count
     little. None where no model here has another step."""
-    few = _some(data, windows)
+    few = some_windows(data, windows)
     apart = finer_prediction(few, row)
     if apart is None:
         return None
@@ -63,7 +63,7 @@ def made_by_step(data: Dataset, scales: Scales, row: Settings, floor: float, set
     error of the step: a wrong wheel radius may be as large and look otherwise.
 
     floor: squared gap of a perfect model."""
-    few = _some(data, MADE_WINDOWS)
+    few = some_windows(data, MADE_WINDOWS)
     here = predict(few, row)[0]
     apart = finer_prediction(few, row, here)
     if apart is None:
@@ -86,7 +86,7 @@ def step_share(data: Dataset, scales: Scales, error: np.ndarray, apart: np.ndarr
     return float(np.clip(np.sum(trust * wrong * step) / max(np.sum(trust * step * step), 1e-300), 0.0, 1.0))
 
 
-def _some(data: Dataset, windows: int) -> Dataset:
+def some_windows(data: Dataset, windows: int) -> Dataset:
     """At most so many windows, evenly."""
     return data.take(
         np.isin(np.arange(data.count), np.linspace(0, data.count - 1, min(data.count, windows)).astype(int))

@@ -250,8 +250,8 @@ def most_sure(
     times_floor: the gap that is left over the noise floor, the largest of all horizons; beats_forecast: the share that
     the explained model removes of a constant-velocity forecast's squared gap."""
     tuned = settings.causes
-    told = float(np.clip(times_floor / AS_GOOD - 1.0, 0.0, 0.5)) / 0.5 if verdict == "effects" else 1.0
-    most = 1.0 - (1.0 - tuned.most_partial) * told
+    beyond = float(np.clip(2.0 * (times_floor / AS_GOOD - 1.0), 0.0, 1.0)) if verdict == "effects" else 1.0
+    most = 1.0 - (1.0 - tuned.most_partial) * beyond
     shadow = max(most - tuned.shadow * float(np.log(max(times_floor / AS_GOOD, 1.0))), tuned.least_sure)
     useful = max(min(beats_forecast / tuned.useful, 1.0), tuned.least_sure)
     return tuned.most_sure * (1.0 - unexplained) * shadow * useful

@@ -16,7 +16,7 @@ from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD, SMALL
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import Problem, reweigh, tolerating
 from residual_mpc.diagnosis.predict.replay import predict
-from residual_mpc.diagnosis.predict.step_error import finer_prediction, step_error
+from residual_mpc.diagnosis.predict.step_error import finer_prediction, some_windows, step_error
 from residual_mpc.diagnosis.search.additions import NONE
 from residual_mpc.diagnosis.search.settings import SearchSettings
 
@@ -43,7 +43,7 @@ class Ruler:
         """The same of the models stepped infinitely finely, on a few windows; None where no model here has another
         step."""
         data = self.replays.own or self.replays.data
-        few = data.take(np.isin(np.arange(data.count), np.linspace(0, data.count - 1, FINE_WINDOWS).astype(int)))
+        few = some_windows(data, FINE_WINDOWS)
         errors = []
         for fit in fits:
             row = self.replays.space.settings([fit.values])
