@@ -17,11 +17,10 @@ from residual_mpc.files import write_json
 from residual_mpc.logs.audit import audit
 from residual_mpc.logs.columns import group, member
 from residual_mpc.logs.finding import Finding
-from residual_mpc.logs.lost_rows import with_lost_rows
+from residual_mpc.logs.mended import mended
 from residual_mpc.logs.readers.find import find_tables
 from residual_mpc.logs.readers.read import read_runs as read_tables
 from residual_mpc.logs.run import Run
-from residual_mpc.logs.sampling_times import with_sampling_times
 from residual_mpc.logs.signals import fresh_samples
 from residual_mpc.models.facts import check_columns, facts_of
 from residual_mpc.models.protocol import Robot
@@ -102,10 +101,9 @@ def check(robot: NominalRobot, runs: Runs | Paths) -> Check:
 def _examine(robot: NominalRobot, paths: Sequence[str]) -> tuple[tuple[Run, ...], list[Finding]]:
     """The runs that can be read, and what is wrong or remarkable."""
     read, findings = _read(robot.file, paths)
-    dated, stamped = with_sampling_times(read)
-    read, lost = with_lost_rows(dated)
-    findings += [*stamped, *lost, *implausible_sizes(robot.file, [run.name for run in read])]
     models, fitting = RunModels(robot), []
+    read, mends = mended(read, [_channels(models, run.name) for run in read])
+    findings += [*mends, *implausible_sizes(robot.file, [run.name for run in read])]
     for run in read:
         try:
             check_columns([run], [models.of(run.name)])
@@ -115,6 +113,14 @@ def _examine(robot: NominalRobot, paths: Sequence[str]) -> tuple[tuple[Run, ...]
     if fitting:
         findings += audit(fitting, facts_of(robot.model))
     return read, findings
+
+
+def _channels(models: RunModels, run: str) -> tuple[str, ...]:
+    """Those that the run's model predicts; none where its variant cannot be built, which the columns' check says."""
+    try:
+        return tuple(models.of(run).channels)
+    except BadInput:
+        return ()
 
 
 def _read(robot_file: RobotFile, paths: Sequence[str]) -> tuple[tuple[Run, ...], list[Finding]]:

@@ -12,10 +12,9 @@ from residual_mpc.errors import BadInput
 from residual_mpc.files import write_atomically
 from residual_mpc.logs.audit import audit
 from residual_mpc.logs.finding import Finding
-from residual_mpc.logs.lost_rows import with_lost_rows
+from residual_mpc.logs.mended import mended
 from residual_mpc.logs.readers.read import read_runs as read_tables
 from residual_mpc.logs.run import Run
-from residual_mpc.logs.sampling_times import with_sampling_times
 from residual_mpc.models.facts import check_columns, facts_of
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import noise_over
@@ -94,12 +93,11 @@ def read_runs(robot: NominalRobot, paths: Paths) -> Runs:
     result = read_tables(given, robot.file)
     made = RunModels(robot)
     models = [made.of(run.name) for run in result.runs]
-    check_columns(result.runs, models)
-    dated, stamped = with_sampling_times(result.runs)
-    runs, lost = with_lost_rows(dated)
+    runs, mends = mended(result.runs, [model.channels for model in models])
+    check_columns(runs, models)
     names = [run.name for run in runs]
     sizes = implausible_sizes(robot.file, names)
-    findings = (*sizes, *result.findings, *stamped, *lost, *audit(runs, facts_of(robot.model)))
+    findings = (*sizes, *result.findings, *mends, *audit(runs, facts_of(robot.model)))
     noise = noise_over(robot.file, names)
     return Runs(runs, tuple(models), noise, findings, given)
 
