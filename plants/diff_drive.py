@@ -13,7 +13,7 @@ from residual_mpc.effects.effect import Effect, Values
 from residual_mpc.effects.ground import ground_twist, radius_factor, with_fitted_rates, world_drift
 from residual_mpc.effects.library import Effects, Sites, present, slots_of
 from residual_mpc.effects.ops import NUMPY
-from residual_mpc.effects.speed_chain import speed_chain
+from residual_mpc.effects.speed_chain import speeds_and_ends
 from residual_mpc.errors import BadInput
 from residual_mpc.models.protocol import Drive, State
 from residual_mpc.models.robot_file import RobotFile
@@ -96,10 +96,11 @@ class DiffDrive:
         remembers = slips or any(e.remembers for e, _ in present(effects, "play", *OUTPUT))
         # play and acceleration know the motion before the window; an encoder read at its start shows the step before
         lead = drive.lead if remembers else min(1, drive.lead)
-        motor = _motor_speed(effects, drive, lead)  # (B, lead + K, 2) rad/s, what an encoder on the motor sees
+        encoders = any(c.startswith(("velocity.", "output.")) for c in wanted)
+        motor, reached = _motor_speed(effects, drive, lead, encoders)  # (B, lead + K, 2) rad/s
         wheel = _wheel_speed(effects, motor, dt)
         accel = _acceleration(wheel, lead, dt) if slips else np.zeros((1, 1, 2))
-        wheel, motor = wheel[:, lead:], motor[:, max(lead - 1, 0) :]
+        wheel, reached = wheel[:, lead:], reached[:, max(lead - 1, 0) :]
         radius = settings.tuned.get("wheel_radius", np.array([self.wheel_radius]))[:, None]
         track = settings.tuned.get("track_width", np.array([self.track_width]))[:, None]
         forward, sideways, yaw = ground_twist(
@@ -125,7 +126,7 @@ class DiffDrive:
             elif kind == "twist":
                 out[channel] = _at_nodes(rates[axis])
             else:  # velocity.<wheel>, output.<wheel>: an encoder is read before the command of its stamp acts
-                speed = motor[..., WHEELS.index(axis)]
+                speed = reached[..., WHEELS.index(axis)]
                 out[channel] = speed if lead else np.concatenate([speed[:, :1], speed], axis=1)
         return out
 
@@ -151,9 +152,12 @@ def build(robot: RobotFile) -> DiffDrive:
     return DiffDrive(robot.name, parameters["wheel_radius"], parameters["track_width"])
 
 
-def _motor_speed(effects: Effects, drive: Drive, lead: int) -> np.ndarray:
-    """(B, lead + K, 2) rad/s: the motors' speeds from `lead` steps before the window on."""
-    return speed_chain(effects, drive.command, drive.on, drive.clock_at_steps, drive.dt)[:, drive.lead - lead :]
+def _motor_speed(effects: Effects, drive: Drive, lead: int, ends: bool) -> tuple[np.ndarray, np.ndarray]:
+    """(B, lead + K, 2) rad/s: the motors' mean speeds over the steps from `lead` before the window on, and at their
+    ends, which an encoder on the motor sees."""
+    begin = drive.lead - lead
+    mean, end = speeds_and_ends(effects, drive.command, drive.on, drive.clock_at_steps, drive.dt, ends)
+    return mean[:, begin:], end[:, begin:]
 
 
 def _wheel_speed(effects: Effects, motor: np.ndarray, dt: float) -> np.ndarray:

@@ -7,8 +7,9 @@ import numpy as np
 
 from residual_mpc.effects.effect import Effect, Parameter, Values, no_memory
 from residual_mpc.effects.gear import DAMPING_BEHIND
-from residual_mpc.effects.ops import Array, Ops, clip
+from residual_mpc.effects.ops import NUMPY, Array, Ops, clip
 from residual_mpc.effects.phrase import Noun, Phrase
+from residual_mpc.effects.ramp import missing, missing_at_end
 from residual_mpc.effects.recursion import first_order
 
 TINY = 1e-12  # s: keeps exp(-dt / tau) defined at tau = 0, where it is exactly 0
@@ -43,17 +44,28 @@ def lag_sequence(p: Values, u: np.ndarray, dt: float) -> np.ndarray:
     return out
 
 
+def lag_end(p: Values, u: np.ndarray, y: np.ndarray, dt: float) -> np.ndarray:
+    """What lag_step has come to at the end of each step, from its means y."""
+    tau = np.maximum(p["time_constant"], TINY)
+    e = np.exp(-dt / tau)
+    return np.asarray(u + (y - u) * e * dt / (tau * (1.0 - e)))
+
+
 def rate_start(ops: Ops, p: Values, u: Array, dt: float) -> Array:
     """The setpoint has arrived at the first command."""
     return u
 
 
 def rate_step(ops: Ops, p: Values, y: Array, u: Array, dt: float) -> tuple[Array, Array]:
-    """The setpoint after dt: y moves towards u by at most rate * dt. Written as u less what is missing, which at an
-    infinite rate is u to the last bit."""
-    away = u - y
-    out = u - (away - clip(ops, away, -p["rate"] * dt, p["rate"] * dt))
-    return out, out
+    """y moves towards u at no more than the rate, exact for a command held over dt: the output is y's mean over the
+    step, the memory y's end. Written as u less what is missing, which at an infinite rate is u to the last bit."""
+    mean, end = missing(ops, u - y, p["rate"] * dt)
+    return u - mean, u - end
+
+
+def rate_end(p: Values, u: np.ndarray, y: np.ndarray, dt: float) -> np.ndarray:
+    """What rate_step has come to at the end of each step, from its means y."""
+    return np.asarray(u - missing_at_end(NUMPY, u - y, p["rate"] * dt))
 
 
 def gain_step(ops: Ops, p: Values, memory: Any, y: Array, clock: Array, dt: float) -> tuple[Array, Any]:
@@ -120,6 +132,7 @@ ACTUATOR_LAG = Effect(
     rank=90,
     inertial=True,
     sequence=lag_sequence,
+    at_end=lag_end,
     label="lag",
     phrase=Phrase("{who} follows its command with a lag of {time_constant}"),
     nouns={"time_constant": Noun("actuator lag", article="an", targeted="lag")},
@@ -260,6 +273,7 @@ RATE_LIMIT = Effect(
     summary="the setpoint is let through no faster than this",
     start=rate_start,
     step=rate_step,
+    at_end=rate_end,
     rank=30,
     label="ramp",
     kink="signal",

@@ -4,9 +4,12 @@ the base forward, half of their difference turns it."""
 import math
 from typing import Any
 
+import numpy as np
+
 from residual_mpc.effects.effect import Effect, Parameter, Values, no_memory
-from residual_mpc.effects.ops import Array, Ops, clip
+from residual_mpc.effects.ops import NUMPY, Array, Ops, clip
 from residual_mpc.effects.phrase import Noun, Phrase
+from residual_mpc.effects.ramp import missing, missing_at_end
 
 Pair = tuple[Array, Array]  # of the left and of the right wheel, rad/s
 LEAST = 1e-3  # rad/s, of a limit in whose proportion wheels slow down
@@ -41,12 +44,13 @@ def forward_rate_start(ops: Ops, p: Values, left: Array, right: Array, dt: float
 
 
 def forward_rate_step(ops: Ops, p: Values, y: Array, left: Array, right: Array, dt: float) -> tuple[Pair, Array]:
-    """Both speeds with a mean that moves from y by at most rate * dt, half of their difference unchanged (the limit of
-    the linear acceleration in ROS 2's diff_drive_controller, `SpeedLimiter::limit_acceleration`, alike for speeding up
-    and slowing down). Written as what is missing, so that an infinite rate changes no bit."""
+    """Both speeds with a mean that moves from y at no more than the rate, half of their difference unchanged (the limit
+    of the linear acceleration in ROS 2's diff_drive_controller, `SpeedLimiter::limit_acceleration`, alike for speeding
+    up and slowing down): their means over the step, and what y has come to. Written as what is missing, so that an
+    infinite rate changes no bit."""
     mean = 0.5 * (left + right)
-    missing = _beyond(ops, mean - y, p["rate"] * dt)
-    return (left - missing, right - missing), mean - missing
+    less, end = missing(ops, mean - y, p["rate"] * dt)
+    return (left - less, right - less), mean - end
 
 
 def turn_rate_start(ops: Ops, p: Values, left: Array, right: Array, dt: float) -> Array:
@@ -55,16 +59,17 @@ def turn_rate_start(ops: Ops, p: Values, left: Array, right: Array, dt: float) -
 
 
 def turn_rate_step(ops: Ops, p: Values, y: Array, left: Array, right: Array, dt: float) -> tuple[Pair, Array]:
-    """Both speeds with half of their difference moving from y by at most rate * dt, their mean unchanged (the same of
-    the angular acceleration)."""
+    """Both speeds with half of their difference moving from y at no more than the rate, their mean unchanged (the same
+    of the angular acceleration)."""
     half = 0.5 * (right - left)
-    missing = _beyond(ops, half - y, p["rate"] * dt)
-    return (left + missing, right - missing), half - missing
+    less, end = missing(ops, half - y, p["rate"] * dt)
+    return (left + less, right - less), half - end
 
 
-def _beyond(ops: Ops, x: Array, most: Array) -> Array:
-    """What of x exceeds +-most; 0 for an infinite one."""
-    return x - clip(ops, x, -most, most)
+def ramp_end(p: Values, u: np.ndarray, y: np.ndarray, dt: float) -> np.ndarray:
+    """What the speeds of two wheels (..., 2) have come to at the end of each step behind one of these limits, from
+    their means y: the limit takes as much from one wheel as from the other, or gives it."""
+    return np.asarray(u - missing_at_end(NUMPY, u - y, p["rate"] * dt))
 
 
 TURN_GAIN = Effect(
@@ -135,6 +140,7 @@ FORWARD_RATE_LIMIT = Effect(
     summary="the mean of the wheels' commands is let through no faster than this",
     start=forward_rate_start,
     step=forward_rate_step,
+    at_end=ramp_end,
     site="pair command",
     rank=12,
     label="ramp.forward",
@@ -154,6 +160,7 @@ TURN_RATE_LIMIT = Effect(
     summary="half of the difference between the wheels' commands is let through no faster than this",
     start=turn_rate_start,
     step=turn_rate_step,
+    at_end=ramp_end,
     site="pair command",
     rank=14,
     label="ramp.turn",

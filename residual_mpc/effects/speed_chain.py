@@ -24,25 +24,63 @@ from residual_mpc.effects.effect import Effect, Values
 from residual_mpc.effects.library import Effects, present
 from residual_mpc.effects.ops import NUMPY, Array, Kinks
 
+Signals = tuple[np.ndarray, np.ndarray]  # (B, K, nu) each: means over the steps, and what they come to at their ends
+
 
 def speed_chain(effects: Effects, u: np.ndarray, on: np.ndarray | None, clock: np.ndarray, dt: float) -> np.ndarray:
-    """The speeds (B, K, nu) of motors that turn as fast as they are told, before any play, from commands u (B, K, nu).
+    """The mean speeds (B, K, nu) over each step of motors that turn as fast as they are told, before any play, from
+    commands u (B, K, nu).
 
     A driver's voltage, which sets gain and limit, comes before the motor's inertia: a lag acts on what these leave.
     on (B, K, nu): 0 where the actuator is off, None for always on. clock (B, K, 1): s since the run began.
     """
+    return speeds_and_ends(effects, u, on, clock, dt, False)[0]
+
+
+def speeds_and_ends(
+    effects: Effects, u: np.ndarray, on: np.ndarray | None, clock: np.ndarray, dt: float, ends: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """What `speed_chain` gives, and the speeds at the end of each step, which a lag or a ramp changes within it;
+    without `ends` the means stand for them."""
+
+    def out(effect: Effect, p: Values, y: np.ndarray) -> np.ndarray:
+        if effect.port == "pair":
+            return through_pair(effect, p, y, dt)
+        if effect.port == "command":
+            return through_commands(effect, p, y, dt)
+        return through_outputs(effect, p, y, clock, dt)
+
+    def through(effect: Effect, p: Values, both: Signals) -> Signals:
+        mean, end = both
+        after = out(effect, p, mean)
+        if not ends:
+            return after, after
+        if effect.at_end is not None:
+            last = effect.at_end({k: v[:, None, :] for k, v in p.items()}, mean, after, dt)
+            return after, end + (last - mean) if effect.port == "pair" else last  # of a pair it takes one part alone
+        return after, after if end is mean else out(effect, p, end)
+
     commands = list(present(effects, "command", "pair command"))
+    both = u, u
     for effect, p in commands:
         if not effect.inertial:
-            u = through_pair(effect, p, u, dt) if effect.port == "pair" else through_commands(effect, p, u, dt)
-    y = u if on is None else u * on
+            both = through(effect, p, both)
+    both = _switched(both, on)
     for effect, p in present(effects, *OUTPUT, "pair"):
-        y = through_pair(effect, p, y, dt) if effect.port == "pair" else through_outputs(effect, p, y, clock, dt)
-    y = y if on is None else y * on  # a wheel that is off is not driven by its partner
+        both = through(effect, p, both)
+    both = _switched(both, on)  # a wheel that is off is not driven by its partner
     for effect, p in commands:
         if effect.inertial:
-            y = through_commands(effect, p, y, dt)
-    return y
+            both = through(effect, p, both)
+    return both
+
+
+def _switched(both: Signals, on: np.ndarray | None) -> Signals:
+    mean, end = both
+    if on is None:
+        return both
+    mean_on = mean * on
+    return mean_on, mean_on if end is mean else end * on
 
 
 def through_pair(effect: Effect, p: Values, y: np.ndarray, dt: float) -> np.ndarray:

@@ -17,7 +17,7 @@ from controllers.soft import softened
 from residual_mpc.errors import BadInput
 from residual_mpc.models.settings import Knob
 
-SLUGGISH = {Knob("forward_rate_limit", None, "rate"): 5.0, Knob("turn_rate_limit", None, "rate"): 2.0}  # rad/s^2
+SLUGGISH = {Knob("forward_rate_limit", None, "rate"): 5.0, Knob("turn_rate_limit", None, "rate"): 4.0}  # rad/s^2
 FAST = MpcSettings(compile=False)  # the virtual machine: no test waits for a compiler but the one that compares
 
 

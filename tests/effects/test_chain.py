@@ -14,7 +14,7 @@ from residual_mpc.effects.chain import chain_of, command_chain, filled, leaves, 
 from residual_mpc.effects.effect import Effect, Parameter, Site
 from residual_mpc.effects.library import BY_NAME, LIBRARY, changes, holder, present, slots_of
 from residual_mpc.effects.ops import NUMPY
-from residual_mpc.effects.speed_chain import speed_chain, speed_chains
+from residual_mpc.effects.speed_chain import speed_chain, speed_chains, speeds_and_ends
 from residual_mpc.export.soften import kinks
 
 DT, STEPS = 0.02, 60  # s
@@ -107,11 +107,11 @@ def test_a_motor_lags_behind_its_limit_and_not_behind_an_unlimited_speed() -> No
     assert falls[0] < 0.95 * speed[0, 30, 0]
 
 
-def test_a_base_limits_its_commands_behind_their_delay_and_before_all_else() -> None:
+def test_a_base_limits_its_commands_before_all_else_but_a_dead_time_which_may_follow() -> None:
     effects = {n: NUMBERS[n] for n in ("command_delay", "dead_zone", "forward_rate_limit", "turn_gain", "actuator_lag")}
     chains, pairs = speed_chains(effects, WHEELS, DT)
     assert [pair.effect.name for pair in pairs] == ["forward_rate_limit", "turn_gain"]
-    assert [[e.name for e in c.effects] for c in chains] == [["command_delay"], ["dead_zone"], ["actuator_lag"]]
+    assert [[e.name for e in c.effects] for c in chains] == [[], ["dead_zone", "command_delay"], ["actuator_lag"]]
 
 
 def test_a_base_speeds_up_and_turns_at_rates_of_their_own() -> None:
@@ -119,11 +119,37 @@ def test_a_base_speeds_up_and_turns_at_rates_of_their_own() -> None:
     effects = {n: NUMBERS[n] for n in ("forward_rate_limit", "turn_rate_limit")}
     u = np.zeros((1, STEPS, 2))
     u[:, 1:31] = [1.0, 5.0]
-    y = speed_chain(effects, u, None, np.zeros((1, 1, 1)), DT)[0]
-    passed = DT * np.arange(1, 31)  # s
-    np.testing.assert_allclose(y[1:31].mean(axis=1), np.minimum(20.0 * passed, 3.0), atol=1e-12)
-    np.testing.assert_allclose(0.5 * (y[1:31, 1] - y[1:31, 0]), np.minimum(30.0 * passed, 2.0), atol=1e-12)
-    np.testing.assert_allclose(y[31:].mean(axis=1), np.maximum(3.0 - 20.0 * DT * np.arange(1, 30), 0.0), atol=1e-12)
+    y, end = (x[0] for x in speeds_and_ends(effects, u, None, np.zeros((1, 1, 1)), DT))
+    up = np.arange(1, 31)  # the steps of the command
+
+    def climbing(t: np.ndarray, rate: float, top: float) -> np.ndarray:
+        return np.minimum(rate * t, top)
+
+    def way(t: np.ndarray, rate: float, top: float) -> np.ndarray:
+        """The integral of `climbing`."""
+        arrived = top / rate
+        return np.where(t < arrived, 0.5 * rate * t**2, top * (t - 0.5 * arrived))
+
+    for sign, rate, top in ((1.0, 20.0, 3.0), (-1.0, 30.0, 2.0)):
+        mean, last = (0.5 * (x[:, 1] + sign * x[:, 0]) for x in (y, end))
+        np.testing.assert_allclose(last[up], climbing(DT * up, rate, top), atol=1e-12)
+        covered = way(DT * up, rate, top) - way(DT * (up - 1), rate, top)
+        np.testing.assert_allclose(DT * mean[up], covered, atol=1e-12)
+    fallen = DT * np.arange(1, STEPS - 30)  # s
+    np.testing.assert_allclose(end[31:].mean(axis=1), np.maximum(3.0 - 20.0 * fallen, 0.0), atol=1e-12)
+
+
+def test_an_encoder_sees_the_end_of_a_step() -> None:
+    """Behind a ramp and a lag, against both in steps a hundred times as short."""
+    numbers = NUMBERS | {"rate_limit": {"rate": np.array([[20.0]])}}
+    effects = {n: {k: v[:, :1] for k, v in numbers[n].items()} for n in ("rate_limit", "actuator_gain", "actuator_lag")}
+    fine = 100
+    u = np.repeat(np.random.default_rng(1).standard_normal(STEPS // 5), 5)[None, :, None]
+    mean, end = speeds_and_ends(effects, u, None, np.zeros((1, 1, 1)), DT)
+    finer = speed_chain(effects, np.repeat(u, fine, axis=1), None, np.zeros((1, 1, 1)), DT / fine)
+    assert np.abs(end - mean).max() > 0.02
+    np.testing.assert_allclose(end[0, :, 0], finer[0, fine - 1 :: fine, 0], atol=0.05 * np.abs(end - mean).max())
+    np.testing.assert_allclose(mean[0, :, 0], finer[0, :, 0].reshape(-1, fine).mean(axis=1), atol=0.012)
 
 
 def test_memory_is_named_after_its_effect_and_target() -> None:
@@ -159,7 +185,7 @@ def test_a_robot_has_the_effects_of_its_sites() -> None:
     sites = {"command": WHEELS, "strength": ("left",)}
     assert slots_of("command_delay", sites) == WHEELS and slots_of("voltage_sag", sites) == ("left",)
     assert slots_of("payload", sites) == () and slots_of("no_such_effect", sites) == ()
-    assert [e.name for e, _ in present(NUMBERS, "command")] == ["command_delay", "dead_zone", "actuator_lag"]
+    assert [e.name for e, _ in present(NUMBERS, "command")] == ["dead_zone", "command_delay", "actuator_lag"]
 
 
 @pytest.mark.parametrize("effect", LIBRARY, ids=lambda e: e.name)

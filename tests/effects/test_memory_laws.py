@@ -145,7 +145,7 @@ def test_thresholds() -> None:
     np.testing.assert_allclose(sag, [2.0, 1.0, 0.0])  # never below zero
 
 
-def test_the_chain_is_delay_then_dead_zone_then_lag() -> None:
+def test_the_chain_is_dead_zone_then_delay_then_lag() -> None:
     """Against one pass step by step, also with rows and actuators at null, and only after the lead."""
     u, dt, lead = RNG.standard_normal((3, 90, 2)), 0.01, 40
     effects = {
@@ -154,13 +154,13 @@ def test_the_chain_is_delay_then_dead_zone_then_lag() -> None:
         "actuator_lag": {"time_constant": np.array([[0.0, 0.0], [0.05, 0.0], [0.1, 0.3]])},
     }
     zone = np.array([True, False])
-    late = stepped_delay(effects["command_delay"]["delay"], u, dt)
     width = np.where(zone, effects["dead_zone"]["width"], 0.0)
-    passed = np.where(np.abs(late) < width[:, None], 0.0, late)
-    y = passed[:, 0]
-    wanted = np.empty_like(passed)
+    passed = np.where(np.abs(u) < width[:, None], 0.0, u)
+    late = stepped_delay(effects["command_delay"]["delay"], passed, dt)
+    y = late[:, 0]
+    wanted = np.empty_like(late)
     for k in range(90):
-        wanted[:, k], y = lag_step(NUMPY, effects["actuator_lag"], y, passed[:, k], dt)
+        wanted[:, k], y = lag_step(NUMPY, effects["actuator_lag"], y, late[:, k], dt)
     came = command_chain(effects, u, lead, dt, zone)
     assert came.shape == (3, 50, 2)
     np.testing.assert_allclose(came, wanted[:, lead:], rtol=0, atol=1e-12)
@@ -191,3 +191,14 @@ def test_a_chain_of_commands_needs_no_more_lead_than_it_remembers(effects: tuple
     for effect, p in on_command(values, direct):
         whole = through_commands(effect, p, whole, dt)
     np.testing.assert_array_equal(command_chain(values, u, lead, dt, direct), whole[:, lead:])
+
+
+def test_a_ramp_behind_a_dead_time_shows_every_part_of_a_step() -> None:
+    """Of the delay the replay knows a tenth of a step, though the command jumps: the ramp is delayed, not its jump."""
+    u, dt = np.where(np.arange(60) < 5, 0.0, 1.0)[None, :, None], 0.01
+    rate = {"rate_limit": {"rate": np.array([[4.0]])}}
+    for delay in (0.03, 0.031, 0.0355, 0.04):
+        came = command_chain(rate | {"command_delay": {"delay": np.array([[delay]])}}, u, 0, dt, np.array([True]))
+        t = dt * (np.arange(60) + 0.5) - 0.05 - delay  # s after the ramp begins, in the middle of the steps
+        inside = (t > dt) & (t < 0.25 - dt)
+        np.testing.assert_allclose(came[0, inside, 0], 4.0 * t[inside], atol=1e-12)

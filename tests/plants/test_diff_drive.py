@@ -116,13 +116,19 @@ def test_a_waving_drive_converges_with_the_square_of_the_step() -> None:
 @pytest.mark.parametrize("effect", FAULTS)
 def test_an_effect_is_its_definition(effect: str) -> None:
     """What happened before the window warms the memory up; the sagging supply is young at its run's start, and the
-    angle of a wheel counts from there."""
+    angle of a wheel counts from there. Each command is held for a step, as a controller does."""
     dt, times = 0.005, 0.25 * np.arange(5)
     faults = {effect: FAULTS[effect]}
     begin, clock = (0.0, 0.0) if effect in ("voltage_sag", "wheel_eccentricity") else (-LEAD, LEAD)
-    literal = simulate(waving, times, faults, begin=begin)
-    pose = tuple(literal[0])
     drive = drive_of(waving, dt, 1.0, clock)
+
+    def held(t: float) -> tuple[float, float]:
+        k = int(np.floor((t + LEAD) / dt + 1e-9))
+        left, right = drive.command[0, int(np.clip(k, 0, drive.command.shape[1] - 1))]
+        return float(left), float(right)
+
+    literal = simulate(held, times, faults, begin=begin)
+    pose = tuple(literal[0])
     nominal = replay(drive, Settings(1), pose)[::50]
     came = replay(drive, settings_of(effect, FAULTS[effect]), pose)[::50]
     shown = np.abs(came - nominal).max()

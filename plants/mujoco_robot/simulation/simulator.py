@@ -84,7 +84,9 @@ class CorrectedMujoco:
         self._late, self._part = np.divmod(np.zeros((rows, nu)) if delay is None else np.maximum(delay, 0.0) / dt, 1.0)
         self._late, self._delayed = self._late.astype(int), bool(self._late.any() or self._part.any())
         self._line = np.zeros((int(self._late.max()) + 2, rows, nu))  # newest first
-        self._chain = [(e, p) for e, p in on_command(effects, ~robot.servo) if e.trim is None]  # after the line
+        acting = on_command(effects, ~robot.servo)
+        self._chain = [(e, p) for e, p in acting if e.trim is None]
+        self._ahead = next((k for k, (e, _) in enumerate(acting) if e.trim is not None), 0)  # of the line
         self._memories: tuple[Any, ...] = ()
         self._k = 0
         self._sensors = Late(robot, self._settings, period)
@@ -141,8 +143,7 @@ class CorrectedMujoco:
             length = robot.model.actuator_gear[:, 0] * q[:, robot.places[robot.driven]]
             command = np.where(robot.servo, length, 0.0)
         held = self._commanded(command)
-        self._line[:] = held
-        self._memories, arrived = self._settled(held)
+        self._memories, self._line[:], arrived = self._settled(held)
         self._force[:] = 0.0
         self._clock[:] = -self._k * self._dt  # the updates between the steps add the steps since the beginning
         if robot.gears is not None or self._integrals is not None:
@@ -183,39 +184,39 @@ class CorrectedMujoco:
     def _sent(self, held: np.ndarray) -> np.ndarray:
         """What the actuators see in the next steps of the model, (rows, steps, nu); their memories go on."""
         u = np.broadcast_to(held[:, None], (self.rows, self._whole, held.shape[1]))
-        if self._delayed:
-            before = (
-                self._late[:, None] - np.arange(1, self._whole + 1)[None, :, None]
-            )  # places in the line, newest first
-            now, then = (np.where(before + k >= 0, self._at(before + k), u) for k in (0, 1))
-            u = (1.0 - self._part[:, None]) * now + self._part[:, None] * then
-            newest = np.broadcast_to(held, (min(self._whole, len(self._line)), *held.shape))
-            self._line[:] = np.concatenate([newest, self._line])[: len(self._line)]
         memories = []
-        for (effect, p), memory in zip(self._chain, self._memories, strict=True):
+        for n, ((effect, p), memory) in enumerate(zip(self._chain, self._memories, strict=True)):
             assert effect.step is not None
-            steps = []
+            u, steps = self._delayed_by_line(u) if n == self._ahead else u, []
             for k in range(self._whole):
                 now, memory = effect.step(NUMPY, p, memory, u[:, k], self._dt)
                 steps.append(now)
             u = np.stack(steps, axis=1)
             memories.append(memory)
         self._memories = tuple(memories)
-        return np.asarray(u)
+        return np.asarray(u if self._ahead < len(self._chain) else self._delayed_by_line(u))
 
-    def _at(self, place: np.ndarray) -> np.ndarray:
-        """Commands (rows, steps, nu) at places of the line, the first for those before it."""
+    def _delayed_by_line(self, u: np.ndarray) -> np.ndarray:
+        """What leaves the line in the next steps while u (rows, steps, nu) enters it."""
+        if not self._delayed:
+            return u
+        sent = np.concatenate([u.transpose(1, 0, 2)[::-1], self._line])  # newest first
+        place = np.arange(self._whole)[::-1][None, :, None] + self._late[:, None]
         rows, _, columns = np.ogrid[: self.rows, :1, : place.shape[2]]
-        return np.asarray(self._line[np.maximum(place, 0), rows, columns])
+        self._line[:] = sent[: len(self._line)]
+        part = self._part[:, None]
+        return np.asarray((1.0 - part) * sent[place, rows, columns] + part * sent[place + 1, rows, columns])
 
-    def _settled(self, u: np.ndarray) -> tuple[tuple[Any, ...], np.ndarray]:
-        """What the chain remembers of a command (rows, nu) that has been held for ever, and what arrives of it."""
-        memories = []
-        for effect, p in self._chain:
+    def _settled(self, u: np.ndarray) -> tuple[tuple[Any, ...], np.ndarray, np.ndarray]:
+        """What the chain remembers of a command (rows, nu) that has been held for ever, what the line holds of it, and
+        what arrives."""
+        memories, held = [], u
+        for n, (effect, p) in enumerate(self._chain):
             assert effect.start is not None and effect.step is not None
             memories.append(effect.start(NUMPY, p, u, self._dt))
             u, _ = effect.step(NUMPY, p, memories[-1], u, self._dt)
-        return tuple(memories), np.asarray(u)
+            held = u if n < self._ahead else held
+        return tuple(memories), np.asarray(held), np.asarray(u)
 
     def save(self) -> Saved:
         fields = ("qpos", "qvel", "qacc_warmstart", *(("act",) if self.robot.model.na else ()))

@@ -7,11 +7,12 @@ from residual_mpc.diagnosis.checks import check_positive, check_share
 
 @dataclass(frozen=True)
 class DatasetSettings:
-    """lead: s of commands before a window, which warm up effects with memory; after: s of commands after it, for
+    """lead: s of commands before a window, which warm up effects with memory (a slow ramp begins at the measured speed,
+    whose noise stays until the ramp arrives); after: s of commands after it, for
     sensors whose stamps are early. A channel's noise is estimated where it moves: by more than moves_steps times its
     resolution, in more than the share moves_share of its samples."""
 
-    lead: float = 1.2
+    lead: float = 2.4
     after: float = 0.5
     moves_steps: float = 3.0
     moves_share: float = 0.02
