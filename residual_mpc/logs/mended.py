@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from residual_mpc.logs.bursts import without_bursts
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.lost_rows import with_lost_rows
 from residual_mpc.logs.run import Run
@@ -18,7 +19,8 @@ def mended(runs: Sequence[Run], channels: Sequence[Sequence[str]]) -> tuple[tupl
     Args:
         channels: of each run, those that its model predicts.
     """
-    dated, stamped = with_sampling_times(runs)
+    single, bursts = without_bursts(runs)
+    dated, stamped = with_sampling_times(single)
     whole, lost = with_lost_rows(dated)
     moving, angles = with_speeds_of_angles(whole, channels)
-    return moving, (*stamped, *lost, *angles)
+    return moving, (*bursts, *stamped, *lost, *angles)

@@ -37,6 +37,7 @@ from residual_mpc.models.settings import Knob, Term, Values
 TUNED = ResultSettings()
 
 LAG = Knob("actuator_lag", None, "time_constant")
+LIMIT = Knob("saturation", "left", "limit")
 DATA = windows(2, 20.0)
 SPACE = space_of(DATA)
 SURE = Support(("fits", "predicts"), 5.0)
@@ -80,6 +81,13 @@ def test_a_cause_that_may_do_nothing_is_less_sure() -> None:
     assert gain.ci95[0] <= 1.0 <= gain.ci95[1]
     assert causes[GAIN.term].probability == pytest.approx(TUNED.causes.resting * causes[SCALE.term].probability)
     assert causes[RATE.term].probability == causes[SCALE.term].probability
+
+
+def test_a_limit_that_nothing_may_exceed_is_less_sure() -> None:
+    largest = SPACE.references["output", "left"]
+    for limit, share in ((0.5 * largest, 1.0), (largest, TUNED.causes.resting)):
+        causes = found({SCALE: 1.2, LIMIT: limit})
+        assert causes[LIMIT.term].probability == pytest.approx(share * causes[SCALE.term].probability)
 
 
 def test_numbers_come_with_their_units() -> None:

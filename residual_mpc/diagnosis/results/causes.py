@@ -29,6 +29,7 @@ from residual_mpc.models.parameter_units import unit_of
 from residual_mpc.models.settings import TUNE, Knob, Term
 
 ANGLES = ("heading", "phase")  # numbers that come round after a turn
+LIMITED = ("output", "turn")  # references of limits that let smaller signals through
 AT_BOUND = "at the bound of its search range"
 
 
@@ -84,14 +85,23 @@ def causes_of(
 
 
 def _may_be_none(space: Space, term: Term, estimates: Sequence[Estimate]) -> bool:
-    """Whether the interval of each number that says how much an effect does contains that it does nothing, or that of
-    one that is a limit reaches from next to nothing to a multiple of it."""
+    """Whether the interval of each number that says how much an effect does contains that it does nothing (a limit:
+    reaches what nothing exceeds), or that of one that is a limit reaches from next to nothing to a multiple of it."""
     effect = BY_NAME[term.effect]
     sizes = [e for e in estimates if not effect.parameter(e.name).shape]
     if any(_anywhere(effect.parameter(e.name), e) for e in sizes):
         return True
-    nulls = [space.null(Knob(*term[:2], e.name)) for e in sizes]
+    nulls = [_idle(space, Knob(*term[:2], e.name)) for e in sizes]
     return bool(sizes) and all(e.ci95[0] <= null <= e.ci95[1] for e, null in zip(sizes, nulls, strict=True))
+
+
+def _idle(space: Space, knob: Knob) -> float:
+    """The value at which a number does nothing in the runs, or from which on: of a limit of outputs the largest."""
+    parameter = BY_NAME[knob.effect].parameter(knob.parameter)
+    if parameter.reference not in LIMITED or np.isfinite(parameter.null):
+        return parameter.null
+    slots = space.slots[knob.effect] if knob.target is None else (knob.target,)
+    return max(space.references.get((parameter.reference, s), np.inf) for s in slots)
 
 
 def _anywhere(parameter: Parameter, estimate: Estimate) -> bool:
