@@ -20,8 +20,8 @@ REQUIRED = tuple(name for name in vars(Robot) if not name.startswith("_"))
 def load_robot(robot: RobotFile) -> Robot:
     """Build the nominal model that the file names.
 
-    Raises BadInput for a plant that does not exist, whose module does not import, or whose factory fails, and for a
-    motor of an actuator that the model does not have.
+    Raises BadInput for a plant that does not exist, whose module does not import, or whose factory fails, for states in
+    channels that the model does not predict, and for a motor of an actuator that the model does not have.
     """
     factory = _factory(robot)
     try:
@@ -36,6 +36,14 @@ def load_robot(robot: RobotFile) -> Robot:
             f"plant {robot.plant!r} returned a {type(model).__name__} without {', '.join(missing)}",
             robot.source,
             "return an object with the members of residual_mpc.models.protocol.Robot",
+        )
+    unknown = [c for s in model.states for c in (s.position, s.velocity) if c is not None and c not in model.channels]
+    if unknown:
+        raise BadInput(
+            f"plant {robot.plant!r} returned a {type(model).__name__} with states in {', '.join(unknown)}, which its"
+            " channels lack",
+            robot.source,
+            "add them to `channels` and let `replay` predict them, or give the State no velocity",
         )
     check_names(robot.motors, model.actuators, robot.source)
     return model
@@ -79,8 +87,6 @@ def load_factory(path: str, where: str) -> Callable[..., Any]:
     except Exception as error:  # importing a user's module runs their code
         raise BadInput(f"module {module!r} cannot be imported: {error!r}", where, "fix or install it") from error
     if not callable(found):
-        raise BadInput(
-            f"module {module!r} has no factory {name!r}", where, "name a function that takes the robot file"
-        )
+        raise BadInput(f"module {module!r} has no factory {name!r}", where, "name a function that takes the robot file")
     factory: Callable[..., Any] = found
     return factory
