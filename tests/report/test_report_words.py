@@ -11,6 +11,7 @@ from residual_mpc.effects.library import LIBRARY
 from residual_mpc.report.words.effects import name, remarks, sentence_of, sizes_words, stage, variation_clause
 from residual_mpc.report.words.gaps import few_windows, horizon_line, warnings
 from residual_mpc.report.words.groups import group_sentence, member_names, or_else
+from residual_mpc.report.words.laws import law_sentence
 from residual_mpc.report.words.numbers import (
     in_brackets,
     listed,
@@ -405,7 +406,13 @@ def test_what_is_left_in_words():
         "it, but the evidence was insufficient to name it."
     )
     nothing = plain(rest_sentence(document("partial")["remainder"]))
-    assert "depends on no logged quantity; it comes in bursts: half of it occurs in 12 % of the time." in nothing
+    assert "depends on no logged quantity; it comes in bursts: half of it occurs in 12 % of the time" in nothing
+    rest = document("partial")["remainder"]
+    rest |= {"half_within": 0.02, "times": [{"run": "r3", "from": 9.0, "to": 11.5, "share": 0.4}]}
+    told = (
+        "half of it occurs in 2 % of the time (most in r3 from 9 to 11.5 s). Was the robot pushed, held or lifted then?"
+    )
+    assert told in plain(rest_sentence(rest))
 
 
 def test_an_error_of_the_time_step_is_said_to_be_one():
@@ -465,3 +472,12 @@ def test_a_loss_that_grows_with_the_load_is_said_per_unit_of_load() -> None:
     assert plain(sentence_of(rubs)) == "friction in joint j1 takes 13 % of the transmitted torque"
     rubs["parameters"]["quadratic"] = {"value": 0.45, "unit": "1/(N m)"}
     assert plain(sentence_of(rubs)).endswith("of the transmitted torque, and 45 % more for each N m of it")
+
+
+@pytest.mark.parametrize(
+    ("values", "like"), [([0.0216, 0.0184], "a heading that drifts"), ([0.05, -0.03], "wheels that do not grip alike")]
+)
+def test_a_yaw_rate_that_is_the_same_in_all_turns_is_no_slip(values: list[float], like: str):
+    law = {"effect": "fitted_law", "target": "yaw", "of": "rate", "on": "the turning rate", "unit": "rad/s",
+           "form": "curve", "values": values, "parameters": {}}  # fmt: skip
+    assert like in law_sentence(law)

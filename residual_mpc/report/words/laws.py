@@ -18,6 +18,7 @@ LIKE = {
     ("strength", "time"): "like motors or a battery that change during a run",
     ("rate", "turning"): "like wheels that do not grip alike in all turns",
 }
+ALIKE = 0.25  # of its mean, up to which a rate counts as the same throughout
 WHAT = {"torque": "a torque", "friction": "a dry friction"}
 MORE = {"torque": "additional torque", "friction": "additional dry friction", "damping": "additional viscous friction"}
 
@@ -59,6 +60,9 @@ def _like(law: Law) -> str:
     """A known thing that acts like it; empty where there is none."""
     if _quantity(law) == "load" and law["values"][-1] >= law["values"][0]:
         return ""
+    low, high = min(law["values"], default=0.0), max(law["values"], default=0.0)
+    if law["of"] == "rate" and law.get("target") == "yaw" and high - low < ALIKE * abs(high + low) / 2.0:
+        return "like a heading that drifts, as that of a gyroscope does"
     return LIKE.get((law["of"], _quantity(law)), "")
 
 

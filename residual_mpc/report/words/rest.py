@@ -4,11 +4,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from residual_mpc.report.words.effects import name_at
-from residual_mpc.report.words.numbers import listed, percent
+from residual_mpc.report.words.numbers import listed, number, percent
 
 SITS, LIFT = 0.25, 1.3  # share and lift from which a regime is worth naming
 PART = 0.2  # share from which a component is
 BURST = 0.15  # share of the time that holds half of what comes in bursts
+EVENT = 0.05  # share from which it looks like something that happened to the robot
+TIMES = 2  # of what is left that are told
 SIDES = 0.2  # share of a curve's squares that is alike to both sides, from which its sides differ
 
 COMPONENTS = {"forward": "the forward motion", "sideways": "the sideways motion", "yaw": "yaw", "twist.theta": "yaw"}
@@ -51,11 +53,20 @@ def rest_sentence(remainder: Mapping[str, Any]) -> str:
         hint = hint_of(depends[0])
         said = f"{where} and {_depends(depends[0])}{', consistent with ' + hint if hint else ''}."
     else:
-        bursts = remainder["half_within"] <= BURST
-        how = f"; it comes in bursts: half of it occurs in {percent(remainder['half_within'])} of the time"
-        said = f"{where} and depends on no logged quantity{how if bursts else ''}."
+        said = f"{where} and depends on no logged quantity{_bursts(remainder)}"
     like = resemblance(remainder["resembles"])
     return f"{said} {like}" if like else said
+
+
+def _bursts(remainder: Mapping[str, Any]) -> str:
+    """The end of the sentence: how little of the time holds half of the rest, and the times that hold the most."""
+    within = remainder["half_within"]
+    if within > BURST:
+        return "."
+    times = [f"{x['run']} from {number(x['from'])} to {number(x['to'])} s" for x in remainder.get("times", ())]
+    most = f" (most in {listed(times[:TIMES])})" if times else ""
+    happened = " Was the robot pushed, held or lifted then?" if times and within <= EVENT else ""
+    return f"; it comes in bursts: half of it occurs in {percent(within)} of the time{most}.{happened}"
 
 
 def resemblance(resembles: Mapping[str, Any] | None) -> str:
