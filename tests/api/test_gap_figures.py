@@ -56,7 +56,7 @@ def test_the_warm_up_of_a_wheel_begins_at_its_measured_speed() -> None:
     bare = build_dataset([Run("r", t, columns)], [ROVER], SIGMA).blocks[0].drive
     wheels = {**columns, "velocity.left": speed, "velocity.right": speed}
     logged = build_dataset([Run("r", t, wheels)], [ROVER], SIGMA).blocks[0].drive
-    start = 5.0 - bare.lead * bare.dt  # s: where the warm-up of the window at 5 s begins
-    assert bare.command[5, 0, 0] == pytest.approx(5.0)
-    assert logged.command[5, 0, 0] == pytest.approx(5.0 * (1.0 - np.exp(-(start - 3.0))), rel=0.02)
-    np.testing.assert_array_equal(bare.command[5, 1:], logged.command[5, 1:])
+    start = 6.0 - bare.lead * bare.dt  # s: where the warm-up of the window at 6 s begins
+    assert bare.command[6, 0, 0] == pytest.approx(5.0)
+    assert logged.command[6, 0, 0] == pytest.approx(5.0 * (1.0 - np.exp(-(start - 3.0))), rel=0.02)
+    np.testing.assert_array_equal(bare.command[6, 1:], logged.command[6, 1:])
