@@ -14,6 +14,7 @@ from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.search import stepwise
 from residual_mpc.diagnosis.search.by_target import by_target, counted
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stepwise import stepwise_search
@@ -61,3 +62,23 @@ def test_one_effect_on_many_targets_counts_as_two_or_as_half_of_them() -> None:
     assert counted(joints[:3]) == 2 and counted([*joints[:3], Term("payload", None)]) == 3
     assert counted(joints) == 3 and counted([*joints, Term("payload", None)]) == 4
     assert counted([Term("coulomb_friction", "j1"), Term("payload", None)]) == 2 and counted([]) == 0
+
+
+def test_telling_apart_comes_before_an_addition_that_leaves_far_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A drift is there too, and convincing on its own; no wheel is offered a number of its own as an addition."""
+    runs = []
+    for seed in range(2):
+        run = rover_run(
+            f"r{seed}", {"actuator_gain": {"gain": 0.9}, "slope": {"rate": 0.0075, "heading": 0.5}}, seed=seed
+        )
+        runs.append(Run(run.name, run.t, {**run.columns, "command.left": run.columns["command.left"] * 0.9 / 0.7}))
+    data = build_dataset(runs, [ROVER] * 2, SIGMA)
+    scales = measure_scales(data)
+    problem = build_problem(data, build_space(data, (), ("actuator_gain", "slope")), data.sigma, scales.motion)
+    alike = stepwise.additions
+    monkeypatch.setattr(
+        stepwise, "additions", lambda *of: [f for f in alike(*of) if not {LEFT.term, RIGHT.term} & set(f.terms)]
+    )
+    found = stepwise_search(problem, scales, SearchSettings(), np.random.default_rng(0))
+    both = [set(step.terms) for step in found.steps]
+    assert both[0] == {BOTH.term} and both[1] == {LEFT.term, RIGHT.term}

@@ -182,3 +182,12 @@ def distinct(fits: list[Fit]) -> list[Fit]:
     for f in fits:
         seen.setdefault(frozenset(f.terms), f)
     return list(seen.values())
+
+
+def simplest_first(children: list[Fit], blocks: np.ndarray, settings: SearchSettings) -> list[Fit]:
+    """Cheapest first, but of those that the data do not tell from the cheapest, the ones with fewer numbers first."""
+    if len(children) < 2:
+        return children
+    reach = children[0].cost + settings.steps.alike * dispersion(children[0], blocks)
+    near = [c for c in children if c.cost <= reach]
+    return sorted(near, key=lambda c: (len(c.knobs), c.cost)) + [c for c in children if c.cost > reach]

@@ -13,7 +13,7 @@ from residual_mpc.diagnosis.fit.start_values import elsewhere
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem, about
 from residual_mpc.diagnosis.search.acceptance import Ruler, build_ruler, convincing, judge
-from residual_mpc.diagnosis.search.additions import NONE, additions, distinct
+from residual_mpc.diagnosis.search.additions import NONE, additions, distinct, simplest_first
 from residual_mpc.diagnosis.search.by_target import by_target, counted
 from residual_mpc.diagnosis.search.off_bounds import off_bounds
 from residual_mpc.diagnosis.search.optional_numbers import Makeup, freed, makeup, with_shown, without_numbers
@@ -185,8 +185,12 @@ class Forward:
             met = distinct([*children[: settings.steps.met], *met[: settings.steps.met]])
             children = simplest_first(children, blocks, settings=settings)
             chosen = self._choose(problem, ruler, beam[0], children)
-            if chosen is None:  # nothing can be added, but what acts on all targets alike may differ between them
-                chosen = self._choose(problem, ruler, beam[0], children := by_target(here, beam[0], blocks, settings))
+            # what acts on all targets alike may differ between them, and what is added may only make up for that
+            apart = by_target(here, beam[0], blocks, settings)
+            if chosen is not None:
+                apart = leaving_far_less(ruler, apart, chosen[1], settings)
+            told = self._choose(problem, ruler, beam[0], apart)
+            chosen, children = (chosen, children) if told is None else (told, apart)
             if chosen is None:
                 break
             child, onward = chosen
@@ -231,15 +235,6 @@ def trimmed(
         if fit.cost <= child.cost + tuned.needed * phi and (id(child) not in best or fit.cost < best[id(child)].cost):
             best[id(child)] = fit
     return distinct([best.get(id(c), c) for c in children])
-
-
-def simplest_first(children: list[Fit], blocks: np.ndarray, settings: SearchSettings) -> list[Fit]:
-    """Cheapest first, but of those that the data do not tell from the cheapest, the ones with fewer numbers first."""
-    if len(children) < 2:
-        return children
-    reach = children[0].cost + settings.steps.alike * dispersion(children[0], blocks)
-    near = [c for c in children if c.cost <= reach]
-    return sorted(near, key=lambda c: (len(c.knobs), c.cost)) + [c for c in children if c.cost > reach]
 
 
 def leaving_far_less(ruler: Ruler, children: list[Fit], chosen: Fit, settings: SearchSettings) -> list[Fit]:
