@@ -14,6 +14,7 @@ from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.results.between_runs import sigma_between_runs
+from residual_mpc.diagnosis.results.digital_servo import hidden_inertia
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.records import Cause, Estimate
 from residual_mpc.diagnosis.results.settings import ResultSettings
@@ -56,7 +57,9 @@ def causes_of(
     spanned = {k: (*aside.get(k, ()), *lacking.get(k, ())) for k in final.knobs}
     beside = _beside_others(of)
     earlier = _of_mean_speeds(of)
+    held = {k: more for k in final.knobs if (more := hidden_inertia(problem.space.robot, k)) > 0.0}
     others = {k: (*beside[k], *([finer[k]] if k in finer else ()), *earlier.get(k, ())) for k in final.knobs}
+    others |= {k: (*others[k], final.values[k] + more) for k, more in held.items()}
     causes = []
     for term in final.terms:
         if is_law(term.effect):
