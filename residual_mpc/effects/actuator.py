@@ -7,7 +7,7 @@ import numpy as np
 
 from residual_mpc.effects.effect import Effect, Parameter, Values, no_memory
 from residual_mpc.effects.gear import DAMPING_BEHIND
-from residual_mpc.effects.ops import NUMPY, Array, Ops, clip
+from residual_mpc.effects.ops import Array, Ops, clip
 from residual_mpc.effects.phrase import Noun, Phrase
 from residual_mpc.effects.ramp import missing, missing_at_end
 from residual_mpc.effects.recursion import first_order
@@ -44,11 +44,13 @@ def lag_sequence(p: Values, u: np.ndarray, dt: float) -> np.ndarray:
     return out
 
 
-def lag_end(p: Values, u: np.ndarray, y: np.ndarray, dt: float) -> np.ndarray:
-    """What lag_step has come to at the end of each step, from its means y."""
+def lag_end(p: Values, u: np.ndarray, end: np.ndarray, y: np.ndarray, dt: float) -> np.ndarray:
+    """What lag_step has come to at the end of each step, from its means y. u is taken to run evenly through its mean to
+    its end; of the way from the mean to the end, the share `arrives` has come through by then."""
     tau = np.maximum(p["time_constant"], TINY)
     e = np.exp(-dt / tau)
-    return np.asarray(u + (y - u) * e * dt / (tau * (1.0 - e)))
+    arrives = 2.0 - (1.0 - e) * (1.0 + 2.0 * tau / dt)
+    return np.asarray(u + (y - u) * e * dt / (tau * (1.0 - e)) + (end - u) * arrives)
 
 
 def rate_start(ops: Ops, p: Values, u: Array, dt: float) -> Array:
@@ -59,13 +61,13 @@ def rate_start(ops: Ops, p: Values, u: Array, dt: float) -> Array:
 def rate_step(ops: Ops, p: Values, y: Array, u: Array, dt: float) -> tuple[Array, Array]:
     """y moves towards u at no more than the rate, exact for a command held over dt: the output is y's mean over the
     step, the memory y's end. Written as u less what is missing, which at an infinite rate is u to the last bit."""
-    mean, end = missing(ops, u - y, p["rate"] * dt)
+    mean, end = missing(ops, u - y, p["rate"], dt)
     return u - mean, u - end
 
 
-def rate_end(p: Values, u: np.ndarray, y: np.ndarray, dt: float) -> np.ndarray:
-    """What rate_step has come to at the end of each step, from its means y."""
-    return np.asarray(u - missing_at_end(NUMPY, u - y, p["rate"] * dt))
+def rate_end(p: Values, u: np.ndarray, end: np.ndarray, y: np.ndarray, dt: float) -> np.ndarray:
+    """What rate_step has come to at the end of each step, from its means y; where it has not limited, the end of u."""
+    return np.asarray(np.where(y == u, end, u - missing_at_end(u - y, p["rate"], dt)))
 
 
 def gain_step(ops: Ops, p: Values, memory: Any, y: Array, clock: Array, dt: float) -> tuple[Array, Any]:

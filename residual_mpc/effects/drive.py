@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from residual_mpc.effects.effect import Effect, Parameter, Values, no_memory
-from residual_mpc.effects.ops import NUMPY, Array, Ops, clip
+from residual_mpc.effects.ops import Array, Ops, clip
 from residual_mpc.effects.phrase import Noun, Phrase
 from residual_mpc.effects.ramp import missing, missing_at_end
 
@@ -49,7 +49,7 @@ def forward_rate_step(ops: Ops, p: Values, y: Array, left: Array, right: Array, 
     up and slowing down): their means over the step, and what y has come to. Written as what is missing, so that an
     infinite rate changes no bit."""
     mean = 0.5 * (left + right)
-    less, end = missing(ops, mean - y, p["rate"] * dt)
+    less, end = missing(ops, mean - y, p["rate"], dt)
     return (left - less, right - less), mean - end
 
 
@@ -62,14 +62,14 @@ def turn_rate_step(ops: Ops, p: Values, y: Array, left: Array, right: Array, dt:
     """Both speeds with half of their difference moving from y at no more than the rate, their mean unchanged (the same
     of the angular acceleration)."""
     half = 0.5 * (right - left)
-    less, end = missing(ops, half - y, p["rate"] * dt)
+    less, end = missing(ops, half - y, p["rate"], dt)
     return (left + less, right - less), half - end
 
 
-def ramp_end(p: Values, u: np.ndarray, y: np.ndarray, dt: float) -> np.ndarray:
+def ramp_end(p: Values, u: np.ndarray, end: np.ndarray, y: np.ndarray, dt: float) -> np.ndarray:
     """What the speeds of two wheels (..., 2) have come to at the end of each step behind one of these limits, from
-    their means y: the limit takes as much from one wheel as from the other, or gives it."""
-    return np.asarray(u - missing_at_end(NUMPY, u - y, p["rate"] * dt))
+    their means y: the limit takes as much from one wheel as from the other, or gives it, and nothing from the rest."""
+    return np.asarray(end - missing_at_end(u - y, p["rate"], dt))
 
 
 TURN_GAIN = Effect(

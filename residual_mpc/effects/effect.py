@@ -166,7 +166,8 @@ class Effect:
     steady: bool = False  # what it does to an output or joint changes neither with time nor with the motion
     supply: bool = False  # acts on the actuator's supply: the limit of its force follows
     sequence: Callable[[Values, Array, float], Array] | None = None  # (p, u (B, K, n), dt): a whole run of commands
-    at_end: Callable[[Values, Array, Array, float], Array] | None = None  # (p, u, y, dt): of y, a mean over each step
+    # (p, u, end, y, dt): the end of y in each step; u and y are means over it
+    at_end: Callable[[Values, Array, Array, Array, float], Array] | None = None
     trim: Callable[[Any, Values, float], Any] | None = None  # (memory, p, dt): as much of the memory as p needs
     label: str = ""  # of its memory in the states of a step; default its name
     memory_unit: str = ""  # default the signal's

@@ -41,7 +41,7 @@ def speeds_and_ends(
     effects: Effects, u: np.ndarray, on: np.ndarray | None, clock: np.ndarray, dt: float, ends: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
     """What `speed_chain` gives, and the speeds at the end of each step, which a lag or a ramp changes within it;
-    without `ends` the means stand for them."""
+    without `ends`, the means are returned for both."""
 
     def out(effect: Effect, p: Values, y: np.ndarray) -> np.ndarray:
         if effect.port == "pair":
@@ -56,8 +56,7 @@ def speeds_and_ends(
         if not ends:
             return after, after
         if effect.at_end is not None:
-            last = effect.at_end({k: v[:, None, :] for k, v in p.items()}, mean, after, dt)
-            return after, end + (last - mean) if effect.port == "pair" else last  # of a pair it takes one part alone
+            return after, effect.at_end({k: v[:, None, :] for k, v in p.items()}, mean, end, after, dt)
         return after, after if end is mean else out(effect, p, end)
 
     commands = list(present(effects, "command", "pair command"))

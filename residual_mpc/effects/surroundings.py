@@ -105,7 +105,7 @@ BASE_TILT = Effect(
     parameters=(
         # a little, on a wall, from the ceiling
         Parameter("roll", "rad", 0.0, -3.2, 3.2, (0.05, 0.0, 1.57, -1.57, 0.0, 0.0, 3.14), quantity="gravity roll"),
-        Parameter("pitch", "rad", 0.0, -3.2, 3.2, (0.0, 0.05, 0.0, 0.0, 1.57, -1.57, 0.0), quantity="gravity pitch"),
+        Parameter("pitch", "rad", 0.0, -1.6, 1.6, (0.0, 0.05, 0.0, 0.0, 1.57, -1.57, 0.0), quantity="gravity pitch"),
     ),
     summary="the base is not upright, so gravity acts in another direction than modelled",
     site="gravity",

@@ -12,6 +12,7 @@ from residual_mpc.init.columns.guess import LogCorrection
 from residual_mpc.init.mended_logs import write_corrected_logs
 from residual_mpc.logs.audit import audit
 from residual_mpc.logs.finding import Finding
+from residual_mpc.logs.mended import mended
 from residual_mpc.logs.readers.read import read_runs
 from residual_mpc.models.facts import check_columns, facts_of
 from residual_mpc.models.load import load_robot
@@ -41,11 +42,12 @@ def try_robot(text: str, folder: Path, paths: Sequence[str | Path], mends: Seque
         try:
             tables = write_corrected_logs(paths, mends, Path(scratch)) if mends else paths
             result = read_runs(tables, robot)
-            check_columns(result.runs, [model] * len(result.runs))
+            runs, mends_made = mended(result.runs, [model.channels] * len(result.runs))
+            check_columns(runs, [model] * len(runs))
         except BadInput as fault:
             where = fault.where.replace(scratch, "")
             return Trial((Finding("error", "table", "", where, None, fault.what, fault.remedy),))
-        findings = (*result.findings, *audit(result.runs, facts_of(model)))
+        findings = (*result.findings, *mends_made, *audit(runs, facts_of(model)))
     return Trial(tuple(f for f in findings if f.severity != "info"))
 
 

@@ -13,6 +13,8 @@ from residual_mpc.logs.run import FloatArray, Run
 from residual_mpc.logs.signals import fresh_samples, unwrap_with_gaps
 
 FEWEST = 3  # samples
+MARGIN = 1e-3  # rad, of angles that were rounded
+WRAPS = 0.9  # of the range of the readings: a step that a wheel cannot make between two of them
 
 
 def with_speeds_of_angles(
@@ -43,7 +45,8 @@ def _angles(run: Run, channels: Sequence[str]) -> tuple[str, ...]:
         if group(name) == "position"
         and name not in channels
         and (speed := f"velocity.{member(name)}") in channels
-        and speed not in run.measured
+        and not np.isfinite(run.columns.get(speed, np.nan)).any()
+        and speed not in run.served_as_command
         and int(fresh_samples(run.columns[name]).sum()) >= FEWEST
     )
 
@@ -62,8 +65,10 @@ def _speeds(t: FloatArray, angle: FloatArray) -> FloatArray:
     early nor late; NaN at the first, the last and between the samples of a slower encoder."""
     fresh = np.flatnonzero(fresh_samples(angle))
     at, y = t[fresh], angle[fresh]
-    if np.ptp(y) <= 2.0 * np.pi:  # may come round after a turn
+    if np.ptp(y) <= 2.0 * np.pi + MARGIN:  # may come round after a turn
         y = unwrap_with_gaps(y)
+    elif (np.abs(np.diff(y)) > WRAPS * np.ptp(y)).any():  # a counter that starts again
+        y = np.unwrap(y, period=float(np.ptp(y)))
     speed = np.full(len(t), np.nan)
     speed[fresh[1:-1]] = np.gradient(y, at)[1:-1]
     return speed

@@ -40,8 +40,8 @@ def load_robot(robot: RobotFile) -> Robot:
     unknown = [c for s in model.states for c in (s.position, s.velocity) if c is not None and c not in model.channels]
     if unknown:
         raise BadInput(
-            f"plant {robot.plant!r} returned a {type(model).__name__} with states in {', '.join(unknown)}, which its"
-            " channels lack",
+            f"plant {robot.plant!r} returned a {type(model).__name__} with states in {', '.join(unknown)}, which are"
+            " not among its channels",
             robot.source,
             "add them to `channels` and let `replay` predict them, or give the State no velocity",
         )

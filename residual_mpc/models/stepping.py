@@ -7,15 +7,13 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from residual_mpc.effects.ops import Array, Kinks, Ops
+from residual_mpc.effects.ramp import ENDLESS
 from residual_mpc.models.settings import Settings
 
 BODY = ("body.forward", "body.sideways", "body.yaw")  # m/s, m/s, rad/s: the velocity signals of a robot that drives
 
 Signals = Mapping[str, Array]
 Correction = Callable[[Signals], Signals]  # signals of the step by name -> what is added to some of them
-
-
-ENDLESS = 1e6  # SI units, for what has no limit: a smoothed minimum would make NaN of infinity, and JSON has none
 
 
 def finite(value: float) -> float:

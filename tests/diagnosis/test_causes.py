@@ -85,7 +85,7 @@ def test_a_cause_that_may_do_nothing_is_less_sure() -> None:
 
 def test_a_limit_that_nothing_may_exceed_is_less_sure() -> None:
     largest = SPACE.references["output", "left"]
-    for limit, share in ((0.5 * largest, 1.0), (largest, TUNED.causes.resting)):
+    for limit, share in ((0.5 * largest, 1.0), (largest, TUNED.causes.resting), (1.15 * largest, TUNED.causes.resting)):
         causes = found({SCALE: 1.2, LIMIT: limit})
         assert causes[LIMIT.term].probability == pytest.approx(share * causes[SCALE.term].probability)
 

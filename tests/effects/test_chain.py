@@ -14,6 +14,7 @@ from residual_mpc.effects.chain import chain_of, command_chain, filled, leaves, 
 from residual_mpc.effects.effect import Effect, Parameter, Site
 from residual_mpc.effects.library import BY_NAME, LIBRARY, changes, holder, present, slots_of
 from residual_mpc.effects.ops import NUMPY
+from residual_mpc.effects.ramp import ENDLESS, missing
 from residual_mpc.effects.speed_chain import speed_chain, speed_chains, speeds_and_ends
 from residual_mpc.export.soften import kinks
 
@@ -150,6 +151,35 @@ def test_an_encoder_sees_the_end_of_a_step() -> None:
     assert np.abs(end - mean).max() > 0.02
     np.testing.assert_allclose(end[0, :, 0], finer[0, fine - 1 :: fine, 0], atol=0.05 * np.abs(end - mean).max())
     np.testing.assert_allclose(mean[0, :, 0], finer[0, :, 0].reshape(-1, fine).mean(axis=1), atol=0.012)
+
+
+@pytest.mark.parametrize(
+    "beside",
+    [
+        {"rate_limit": {"rate": np.array([[50.0, np.inf]])}},
+        {"actuator_lag": {"time_constant": np.array([[0.1, 0.0]])}},
+        {"actuator_lag": {"time_constant": np.array([[0.1, 0.002]])}},
+    ],
+    ids=["ramp", "no lag", "short lag"],
+)
+def test_what_one_wheel_has_leaves_the_others_encoder_alone(beside: Mapping[str, Mapping[str, np.ndarray]]) -> None:
+    effects, fine = {"forward_rate_limit": {"rate": np.array([[10.0]])}, **beside}, 200
+    u = np.zeros((1, STEPS, 2))
+    u[:, 2:] = [1.0, 5.0]
+    mean, end = speeds_and_ends(effects, u, None, np.zeros((1, 1, 1)), DT)
+    finer = speed_chain(effects, np.repeat(u, fine, axis=1), None, np.zeros((1, 1, 1)), DT / fine)[0, fine - 1 :: fine]
+    climbing = slice(3, 10)
+    assert np.abs(end - mean)[0, climbing, 1].min() > 0.09
+    np.testing.assert_allclose(end[0, climbing, 1], finer[climbing, 1], atol=0.01)
+
+
+def test_no_limit_takes_nothing_even_as_a_large_number() -> None:
+    """Steps of optimisers have no infinity; what stands for it is no limit either."""
+    for rate in (np.inf, ENDLESS):
+        mean, end = missing(NUMPY, np.array([100.0, -3.0]), np.array(rate), 0.001)
+        np.testing.assert_array_equal(mean, 0.0)
+        np.testing.assert_array_equal(end, 0.0)
+    assert missing(NUMPY, np.array(2.0), np.array(0.0), 0.01) == (2.0, 2.0)
 
 
 def test_memory_is_named_after_its_effect_and_target() -> None:

@@ -37,6 +37,7 @@ def test_bursts_are_dated_evenly(sizes: list[int], jitter: float) -> None:
     (got,), (finding,) = without_bursts([in_bursts(run, sizes, jitter)])
     off = got.t - run.t
     assert np.abs(off - off.mean()).max() < 0.1 / RATE  # stamps were off by up to seven periods
+    assert -(max(sizes) - 1) / RATE - jitter <= got.start - 0.0 <= jitter  # the first row of a burst came before it
     assert finding.severity == "warning" and finding.column == "t"
 
 
@@ -46,6 +47,15 @@ def test_a_pause_stays() -> None:
     (got,), _ = without_bursts([in_bursts(run, [4])])
     off = got.t - run.t
     assert np.abs(off - off.mean()).max() < 0.1 / RATE
+
+
+@pytest.mark.parametrize("pauses", [[300], [100, 200, 300, 400, 500]])
+@pytest.mark.parametrize("pause", [15.0, 100.0])
+def test_an_even_log_with_long_pauses_keeps_its_stamps(pauses: list[int], pause: float) -> None:
+    """The robot stands still over them, so that the motion goes on where it was."""
+    run = even()
+    run = replace(run, t=run.t + pause * (np.arange(COUNT)[:, None] >= pauses).sum(axis=1))
+    assert without_bursts([run]) == ((run,), ())
 
 
 def test_what_was_taken_in_bursts_or_evenly_keeps_its_stamps() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,19 @@ def test_what_is_predicted_or_measured_stays() -> None:
     assert with_speeds_of_angles([run], [("position.left", "velocity.left")]) == ((run,), ())
     both = Run("r", run.t, {**run.columns, "velocity.left": speed})
     assert with_speeds_of_angles([both], [CHANNELS]) == ((both,), ())
+
+
+def test_a_counter_starts_again_after_several_turns() -> None:
+    run, speed = rolling()
+    counter = replace(run, columns={**run.columns, "position.left": np.mod(run.columns["position.left"], 16.0)})
+    (moved,), _ = with_speeds_of_angles([counter], [CHANNELS])
+    assert np.nanmax(np.abs(moved.columns["velocity.left"] - speed)) < 2.0  # the range is known to a sample's way
+
+
+def test_a_speed_that_serves_as_a_command_stays() -> None:
+    run, speed = rolling()
+    served = Run("r", run.t, {**run.columns, "velocity.left": speed}, frozenset({"velocity.left"}))
+    assert with_speeds_of_angles([served], [CHANNELS]) == ((served,), ())
 
 
 def test_a_rover_with_encoder_angles_alone(tmp_path: Path) -> None:

@@ -30,5 +30,5 @@ def test_states_must_be_channels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(module, "make", lambda file: Rolling("rover", 0.03, 0.2), raising=False)
     monkeypatch.setitem(sys.modules, "a_users_rover", module)
     (tmp_path / "robot.toml").write_text('name = "rover"\nplant = "a_users_rover:make"\n')
-    with pytest.raises(BadInput, match="states in velocity.x, which its channels lack"):
+    with pytest.raises(BadInput, match="states in velocity.x, which are not among its channels"):
         load_robot(read_robot_file(tmp_path / "robot.toml"))

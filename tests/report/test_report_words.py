@@ -475,7 +475,7 @@ def test_a_loss_that_grows_with_the_load_is_said_per_unit_of_load() -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "like"), [([0.0216, 0.0184], "a heading that drifts"), ([0.05, -0.03], "wheels that do not grip alike")]
+    ("values", "like"), [([0.0216, 0.0184], "a drifting heading"), ([0.05, -0.03], "wheels that do not grip alike")]
 )
 def test_a_yaw_rate_that_is_the_same_in_all_turns_is_no_slip(values: list[float], like: str):
     law = {"effect": "fitted_law", "target": "yaw", "of": "rate", "on": "the turning rate", "unit": "rad/s",

@@ -30,7 +30,7 @@ from residual_mpc.models.parameter_units import unit_of
 from residual_mpc.models.settings import TUNE, Knob, Term
 
 ANGLES = ("heading", "phase")  # numbers that come round after a turn
-LIMITED = ("output", "turn")  # references of limits that let smaller signals through
+LIMITED = ("output", "turn")  # references of limits that leave smaller signals unchanged
 AT_BOUND = "at the bound of its search range"
 
 
@@ -95,13 +95,16 @@ def _may_be_none(space: Space, term: Term, estimates: Sequence[Estimate]) -> boo
     if any(_anywhere(effect.parameter(e.name), e) for e in sizes):
         return True
     nulls = [_idle(space, Knob(*term[:2], e.name)) for e in sizes]
-    return bool(sizes) and all(e.ci95[0] <= null <= e.ci95[1] for e, null in zip(sizes, nulls, strict=True))
+    limits = [np.isinf(effect.parameter(e.name).null) for e in sizes]  # do nothing from there on
+    return bool(sizes) and all(
+        null <= e.ci95[1] and (limit or e.ci95[0] <= null) for e, null, limit in zip(sizes, nulls, limits, strict=True)
+    )
 
 
 def _idle(space: Space, knob: Knob) -> float:
     """The value at which a number does nothing in the runs, or from which on: of a limit of outputs the largest."""
     parameter = BY_NAME[knob.effect].parameter(knob.parameter)
-    if parameter.reference not in LIMITED or np.isfinite(parameter.null):
+    if parameter.reference not in LIMITED or BY_NAME[knob.effect].port == "speed" or np.isfinite(parameter.null):
         return parameter.null
     slots = space.slots[knob.effect] if knob.target is None else (knob.target,)
     return max(space.references.get((parameter.reference, s), np.inf) for s in slots)

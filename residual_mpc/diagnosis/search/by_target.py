@@ -1,8 +1,8 @@
 """An effect on all targets alike, told apart by target.
 
 A search adds an effect to all joints or to one. The dry friction of three joints is first found as one number for all,
-beside which no joint may have its own. Where nothing can be added to a set, each of these numbers is tried as one for
-each target; targets that do not need theirs lose it when the set is pruned.
+beside which no joint may have its own. At each step of the search, these numbers are tried as one for each target,
+where a linear step promises enough; targets that do not need theirs lose it when the set is pruned.
 """
 
 from collections.abc import Sequence

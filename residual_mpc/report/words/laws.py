@@ -62,7 +62,7 @@ def _like(law: Law) -> str:
         return ""
     low, high = min(law["values"], default=0.0), max(law["values"], default=0.0)
     if law["of"] == "rate" and law.get("target") == "yaw" and high - low < ALIKE * abs(high + low) / 2.0:
-        return "like a heading that drifts, as that of a gyroscope does"
+        return "like a drifting heading, such as that of a gyroscope"
     return LIKE.get((law["of"], _quantity(law)), "")
 
 
