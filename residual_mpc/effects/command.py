@@ -41,12 +41,15 @@ def delay_sequence(p: Values, u: np.ndarray, dt: float) -> np.ndarray:
     one where the delay is negative: the log then holds fewer commands than were sent.
     """
     delay, out = p["delay"], u.copy()
-    for row, actuator in np.argwhere(delay != 0):
-        whole, part = divmod(float(delay[row, actuator]) / dt, 1.0)
-        line = u[row, :, actuator]
-        at = np.arange(-1, len(line)) - int(whole)
-        moved = line[np.clip(at, 0, len(line) - 1)]
-        out[row, :, actuator] = (1.0 - part) * moved[1:] + part * moved[:-1]
+    step = np.arange(-1, u.shape[1])
+    begins = np.flatnonzero(np.concatenate([[True], (delay[1:] != delay[:-1]).any(axis=1)]))
+    for begin, end in zip(begins, [*begins[1:], len(delay)], strict=True):  # a hypothesis has one for all its windows
+        here = delay[begin]
+        alike = here.any() and (here == here[0]).all()
+        for actuators in [slice(None)] if alike else [slice(i, i + 1) for i in np.flatnonzero(here)]:
+            whole, part = divmod(float(here[actuators][0]) / dt, 1.0)
+            moved = u[begin:end, :, actuators].take(np.clip(step - int(whole), 0, u.shape[1] - 1), axis=1)
+            out[begin:end, :, actuators] = (1.0 - part) * moved[:, 1:] + part * moved[:, :-1]
     return out
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from residual_mpc.effects.chain import (
     OUTPUT,
     Chain,
+    acting,
     chain_of,
     filled,
     in_turn,
@@ -56,7 +57,7 @@ def speeds_and_ends(
         if not ends:
             return after, after
         if effect.at_end is not None:
-            return after, effect.at_end({k: v[:, None, :] for k, v in p.items()}, mean, end, after, dt)
+            return after, _at_end(effect, p, mean, end, after, dt)
         return after, after if end is mean else out(effect, p, end)
 
     commands = list(present(effects, "command", "pair command"))
@@ -72,6 +73,19 @@ def speeds_and_ends(
         if effect.inertial:
             both = through(effect, p, both)
     return both
+
+
+def _at_end(effect: Effect, p: Values, mean: np.ndarray, end: np.ndarray, after: np.ndarray, dt: float) -> np.ndarray:
+    """(B, K, nu) what an effect has come to at the end of each step. mean, end: before it; after: its means."""
+    assert effect.at_end is not None
+    rows = acting(effect, p)
+    if 2 * len(rows) > len(mean):
+        return effect.at_end({k: v[:, None, :] for k, v in p.items()}, mean, end, after, dt)
+    out = end.copy()
+    if len(rows):
+        own = {k: v[rows, None, :] for k, v in p.items()}
+        out[rows] = effect.at_end(own, mean[rows], end[rows], after[rows], dt)
+    return out
 
 
 def _switched(both: Signals, on: np.ndarray | None) -> Signals:

@@ -202,13 +202,15 @@ def begin_earlier(drive: Drive, early: np.ndarray, beyond: float = 0.0) -> Drive
         command = np.concatenate([command, drive.command_after], axis=1)
         enabled = enabled if drive.enabled_after is None else np.concatenate([enabled, drive.enabled_after], axis=1)
     last = command.shape[1] - 1
-    commands, ons = [], []
-    for shifts in early / drive.dt:
+    ons = []
+    commands = np.empty((h, len(command), len(step), command.shape[2]))
+    for out, shifts in zip(commands, early / drive.dt, strict=True):
         shift = shifts[:1] if (shifts == shifts[0]).all() else shifts  # (1,) or (W,) steps
         place = np.clip(step - shift[:, None], 0.0, last)
         low = np.minimum(place.astype(int), max(last - 1, 0))
         part = (place - low)[:, :, None]
-        commands.append((1.0 - part) * _picked(command, low) + part * _picked(command, low + 1))
+        np.multiply(1.0 - part, _picked(command, low), out=out)
+        out += part * _picked(command, low + 1)
         if enabled is not None:
             at = step[drive.lead :] - drive.lead - shift[:, None] + known
             ons.append(_picked(enabled, np.round(np.clip(at, 0, enabled.shape[1] - 1)).astype(int)))
@@ -216,7 +218,8 @@ def begin_earlier(drive: Drive, early: np.ndarray, beyond: float = 0.0) -> Drive
     angle = drive.angle_before(np.round(early / drive.dt).astype(int))  # (H, W, nu)
     angle = None if angle is None else angle.reshape(-1, angle.shape[2])
     clock = clock - early.ravel()
-    return Drive(drive.dt, drive.lead, np.concatenate(commands), on, clock, setting, angle=angle, past=past)
+    rows = commands.reshape(-1, *commands.shape[2:])
+    return Drive(drive.dt, drive.lead, rows, on, clock, setting, angle=angle, past=past)
 
 
 def more_steps(drive: Drive, early: np.ndarray, beyond: float) -> int:
@@ -226,7 +229,7 @@ def more_steps(drive: Drive, early: np.ndarray, beyond: float) -> int:
 
 def _picked(x: np.ndarray, at: np.ndarray) -> np.ndarray:
     """(W, n, nu) of x (W, N, nu) at (W, n), or at (1, n) for all windows."""
-    return np.asarray(x[:, at[0]] if len(at) == 1 else x[np.arange(len(x))[:, None], at])
+    return np.asarray(x.take(at[0], axis=1) if len(at) == 1 else x[np.arange(len(x))[:, None], at])
 
 
 def on_windows(data: Dataset, block: Block, settings: Settings) -> Settings:
