@@ -6,6 +6,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from residual_mpc.comparison.account import account_of
+from residual_mpc.comparison.common_effects import with_common_effects
+from residual_mpc.comparison.conditions import driven_differently
 from residual_mpc.comparison.gaps import compared_gap
 from residual_mpc.comparison.named import may_be_none, named_changes, other_candidates, plain
 from residual_mpc.comparison.outliers import changed_outliers
@@ -18,7 +20,7 @@ from residual_mpc.comparison.prepare import (
     units_for,
     windows_for,
 )
-from residual_mpc.comparison.records import Change, ChangeCandidate, Comparison, GapRise
+from residual_mpc.comparison.records import Change, ChangeCandidate, ComparedGap, Comparison, GapRise
 from residual_mpc.comparison.rivals import ChangeRivals, find_change_rivals
 from residual_mpc.comparison.search import FoundChanges, leading_change, search_changes, told_apart
 from residual_mpc.comparison.sets import TwoSets
@@ -69,6 +71,8 @@ def compare(
             problem = on_longer_steps(exact, scales, values, settings=settings.results.predict)
             units = units_for(problem.data, sets, given, settings)
             start = None if searched is None else searched.found
+            if start is None:
+                account = with_common_effects(problem, account, units, settings)
             searched = Searched(search_changes(problem, account, units, settings, start), problem, units)
         assert searched is not None
         whole = _on_all_windows(given, sets, windows[0], account, searched, settings)
@@ -78,6 +82,9 @@ def compare(
         rivals = find_change_rivals(searched.problem, searched.found, searched.units, settings)
         progress("fitting on all windows", 0.8)
         return _judged(given, sets, windows[0], space, (searched, whole), rivals, rng, settings)
+
+
+RISES = 1.5  # gap after over gap before, from which the sets' motions are looked at
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +160,7 @@ def _judged(
     gap = compared_gap(sets, whole, fit, bool(jumping), rng, settings)
     unexplained = _unexplained(gap.rise)
     rises = last.found.again is not None and gap.after > settings.rises * max(gap.before, gap.noise_floor)
-    verdict = _verdict(bool(found.changes or jumping), left.p, unexplained, rises, settings)
+    verdict = _verdict(bool(found.changes or jumping), left.p, unexplained, gap.rise, rises, settings)
     named = named_changes(whole, fit, rivals, spread, settings.sure, settings)
     doubts = servo_doubts(named, given.robots, left.told)
     if verdict == "changed" and any(doubt.better for doubt in doubts):
@@ -162,7 +169,8 @@ def _judged(
     named = named if sure == settings.sure else named_changes(whole, fit, rivals, spread, sure, settings)
     considered = (*doubted(named, doubts, settings.doubtful), *jumping)
     groups = tuple(tuple(tuple(plain(t) for t in m) for m in g) for g in rivals.groups)
-    changes, verdict = _worth_naming(considered, jumping, verdict, sure, settings)
+    unnamed = _verdict(False, 0.0, unexplained, gap.rise, rises, settings)
+    changes, verdict = _worth_naming(considered, jumping, verdict, unnamed, sure, settings)
     groups = groups if changes == considered else ()
     by_noise = reweigh(searched.problem, searched.problem.data.sigma)
     base = on_problem(by_noise, found.account, settings=fits)
@@ -182,14 +190,18 @@ def _judged(
         account=tuple(t for t in found.account.terms if not t.changed),
         units=(int((~units.later).sum()), int(units.later.sum())),
         visible=tuple(
-            replace(v, term=plain(v.term)) for v in smallest_visible(space.robot, left.told, settings.contrast.level)
+            replace(v, term=plain(v.term)) for v in smallest_visible(space, left.told, settings.contrast.level)
         ),
         p_left=left.p,
         values=fit.values,
         next_experiment=next_experiment(
             groups, wheeled="left" in space.robot.actuators, verdict="partial" if groups else "no_gap"
         ),
-        notes=(*notes_on(doubts), *(_leading(last, settings) if verdict == "unknown" else ())),
+        notes=(
+            *notes_on(doubts),
+            *(_leading(last, settings) if verdict == "unknown" else ()),
+            *_driving(sets, gap, verdict),
+        ),
     )
 
 
@@ -210,6 +222,18 @@ def _leading(last: Searched, settings: ComparisonSettings) -> tuple[str, ...]:
     )
 
 
+def _driving(sets: TwoSets, gap: ComparedGap, verdict: str) -> tuple[str, ...]:
+    """A note on sets that are driven differently, where that may be why they differ."""
+    how = driven_differently(sets.clean, sets.side(sets.clean))
+    worse = gap.after_explained > RISES * max(gap.before, gap.noise_floor)
+    if not how or (verdict in ("same", "changed") and not worse):
+        return ()
+    return (
+        f"The runs after are driven differently: their commands {how}. What the model gets wrong in such motions alone "
+        "looks like a change, so repeat the motions of the runs before",
+    )
+
+
 def _outliers(given: ComparisonInput, sets: TwoSets, settings: ComparisonSettings) -> tuple[Change, ...]:
     """The change of the share of outliers, where there is one that may be named."""
     only, without = given.options.only, given.options.without
@@ -219,30 +243,34 @@ def _outliers(given: ComparisonInput, sets: TwoSets, settings: ComparisonSetting
     return () if change is None else (change,)
 
 
-def _verdict(named: bool, p_left: float, unexplained: float, rises: bool, settings: ComparisonSettings) -> str:
-    """`same`: nothing beyond what units of one set differ, nor a gap that is several times as large after (rises);
-    `changed`: nothing beyond that is left, nor much of the rise of the gap."""
+def _verdict(
+    named: bool, p_left: float, unexplained: float, rise: GapRise, rises: bool, settings: ComparisonSettings
+) -> str:
+    """`same`: nothing beyond what units of one set differ, or no rise of the gap by that, nor a gap that is several
+    times as large after (rises); `changed`: nothing beyond that is left, nor much of the rise of the gap."""
+    differs = p_left <= settings.contrast.left
     if not named:
-        return "same" if p_left > settings.contrast.left and not rises else "unknown"
-    return "changed" if p_left > settings.contrast.left and unexplained <= settings.unexplained else "partial"
+        return "unknown" if rises or (differs and rise.visible) else "same"
+    return "partial" if differs or unexplained > settings.unexplained else "changed"
 
 
 def _worth_naming(
-    considered: tuple[Change, ...],
-    jumping: tuple[Change, ...],
-    verdict: str,
-    sure: float,
+    considered: tuple[Change, ...], jumping: tuple[Change, ...], verdict: str, without: str, sure: float,
     settings: ComparisonSettings,
-) -> tuple[tuple[Change, ...], str]:
+) -> tuple[tuple[Change, ...], str]:  # fmt: skip
     """The changes to name and the verdict. Changes that explain next to nothing of the rise are not named; outliers
-    are counted, not explained, and stay. sure: the largest probability that a change may have."""
+    are counted, not explained, and stay. without: the verdict where nothing is named; sure: the largest probability
+    that a change may have."""
     if not considered or sure >= settings.named:
         return considered, verdict
-    return jumping, verdict if jumping else "unknown"
+    return jumping, verdict if jumping else without
 
 
 def _unexplained(rise: GapRise) -> float:
-    """Share of the rise that the changes leave; 0 where what is left is within two standard errors."""
-    if not rise.risen > 0.0 or rise.left <= 2.0 * rise.left_error:
+    """Share of the rise that the changes leave; 0 where what is left is within two standard errors, unless it is more
+    than half of a rise that is beyond two."""
+    if not rise.risen > 0.0 or rise.left <= 0.0:
         return 0.0
-    return min(rise.left / rise.risen, 1.0)
+    share = min(rise.left / rise.risen, 1.0)
+    beyond = rise.left > 2.0 * rise.left_error
+    return share if beyond or (share > 0.5 and rise.visible) else 0.0

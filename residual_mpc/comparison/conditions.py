@@ -10,6 +10,7 @@ from residual_mpc.diagnosis.data.gap import Scales
 from residual_mpc.models.protocol import Robot
 
 LEAST = 1e-6
+UNLIKE = 1.5  # ratio between the sets, from which their commands are called different
 
 
 def conditions_of(data: Dataset, scales: Scales, robots: Sequence[Robot], later: np.ndarray) -> np.ndarray:
@@ -44,6 +45,23 @@ def balanced(columns: np.ndarray, later: np.ndarray, most: int, apart: float) ->
     spread = np.sqrt(0.5 * (columns[later].var(axis=0) + columns[~later].var(axis=0)))
     difference = np.abs(columns[later].mean(axis=0) - columns[~later].mean(axis=0))
     return columns[:, (difference < apart * spread) & (spread > 0.0)][:, :most]
+
+
+def driven_differently(data: Dataset, later: np.ndarray) -> str:
+    """How the commands of the later windows differ, in words; empty where they are alike. later (W,) bool."""
+    size, rate = np.zeros((2, data.count, max(b.drive.command.shape[2] for b in data.blocks)))
+    for b in data.blocks:
+        u = b.drive.command[:, b.drive.lead :]
+        size[b.where, : u.shape[2]] = u.var(axis=1)
+        rate[b.where, : u.shape[2]] = (np.diff(u, axis=1) ** 2).mean(axis=1) / b.drive.dt**2
+    said = []
+    for squares, what in ((size, "vary {} times as much"), (rate, "change {} times as fast")):
+        before, after = squares[~later].mean(axis=0), squares[later].mean(axis=0)
+        there = (before > 0.0) & (after > 0.0)
+        ratio = float(np.exp(0.5 * np.mean(np.log(after[there] / before[there])))) if there.any() else 1.0
+        if not 1.0 / UNLIKE <= ratio <= UNLIKE:
+            said.append(what.format(f"{ratio:.2g}"))
+    return " and ".join(said)
 
 
 def _moved(data: Dataset, scales: Scales) -> np.ndarray:

@@ -17,10 +17,17 @@ WHOLE = 1.0  # squared gap of a window in which a model misses the whole motion
 
 
 def compared_gap(
-    sets: TwoSets, problem: Problem, fit: Fit, jumping: bool, rng: np.random.Generator, settings: ComparisonSettings
+    sets: TwoSets,
+    problem: Problem,
+    fit: Fit,
+    jumping: bool,
+    rng: np.random.Generator,
+    settings: ComparisonSettings,
 ) -> ComparedGap:
-    """Of the nominal model, and of the model fitted to the runs before, without and with the changes of `fit`; jumping:
-    whether outliers are one of the changes, which are then left out. The numbers of each fold are fitted without it."""
+    """Of the nominal model, of the model fitted to the runs before, and of the model fitted to both sets with the
+    changes of `fit`: other motions after may show what the runs before leave open about the robot, which is no change.
+    jumping: whether outliers are one of the changes, which are then left out. The numbers of each fold are fitted
+    without it."""
     results = settings.results
     space = problem.space
     data = sets.raw.take(_within(sets, settings))
@@ -32,17 +39,18 @@ def compared_gap(
     part, start = _fitted_before(problem, fit, earlier, settings)
     before = refitted(part, start, [mask[earlier] for mask in clear])
     changed = refitted(problem, fit, clear)
+    alone = _unchanged(problem, fit, settings)
+    unchanged = changed if alone is fit else refitted(problem, alone, clear)
     nominal = {k: space.null(k) for k in space.tunables}
-    errors = np.empty((3, *data.y.shape))
+    errors = np.empty((4, *data.y.shape))
     for fold in range(folds.count):
         mine = folds.number == fold
-        own = {k: v for k, v in changed[fold].items() if k.changed}
-        rows = [nominal, before[fold], {**before[fold], **own}]
+        rows = [nominal, before[fold], unchanged[fold], changed[fold]]
         tested = data.take(mine)
         errors[:, mine] = tested.y - predict(tested, space.settings(rows))
     if jumping:
         flagged = np.isfinite(data.y) & np.isnan(with_outliers_removed(data, sets.outliers.flagged).y)
-        errors[2] = np.where(flagged, np.nan, errors[2])
+        errors[3] = np.where(flagged, np.nan, errors[3])
     floor = floor_of(data, sets.scales, space.settings([start.values]), rng, settings=results.predict)
 
     def total(error: np.ndarray, windows: np.ndarray) -> float:
@@ -53,7 +61,7 @@ def compared_gap(
     parts = {
         "before": gap_of(data, sets.scales, errors[1], ~later).channels,
         "after": gap_of(data, sets.scales, errors[1], later).channels,
-        "after_explained": gap_of(data, sets.scales, errors[2], later).channels,
+        "after_explained": gap_of(data, sets.scales, errors[3], later).channels,
         "noise_floor": floor.channels,
     }
     for k, c in enumerate(data.channels):
@@ -65,8 +73,8 @@ def compared_gap(
         total(errors[0], later),
         total(errors[1], ~later),
         total(errors[1], later),
-        total(errors[2], later),
-        rise_of(squares[0], squares[1], later, number),
+        total(errors[3], later),
+        rise_of(squares[0], squares[1], squares[2], later, number),
         floor.total,
         data.horizon,
         (int((~later).sum()), int(later.sum())),
@@ -75,12 +83,13 @@ def compared_gap(
     )
 
 
-def rise_of(same: np.ndarray, changed: np.ndarray, later: np.ndarray, unit: np.ndarray) -> GapRise:
-    """From the windows' own squared gaps (W,) without and with the changes; later (W,) bool: the windows after; unit
-    (W,) number of each one's stretch. The error is the jackknife's over stretches (Efron and Stein 1981)."""
-    sides = ((same, ~later), (same, later), (changed, later))
-    (before, its), (after, _), (explained, other) = (_mean(x, unit, mine & np.isfinite(x)) for x, mine in sides)
-    return GapRise(after - before, explained - before, float(np.hypot(its, other)))
+def rise_of(before: np.ndarray, same: np.ndarray, changed: np.ndarray, later: np.ndarray, unit: np.ndarray) -> GapRise:
+    """From the windows' own squared gaps (W,) under the model fitted to the runs before, and under that fitted to both
+    sets without and with the changes; later (W,) bool: the windows after; unit (W,) number of each one's stretch. The
+    errors are the jackknife's over stretches (Efron and Stein 1981)."""
+    sides = ((before, ~later), (same, later), (changed, later))
+    (first, its), (after, risen), (explained, left) = (_mean(x, unit, mine & np.isfinite(x)) for x, mine in sides)
+    return GapRise(after - first, explained - first, float(np.hypot(its, risen)), float(np.hypot(its, left)))
 
 
 def _mean(squares: np.ndarray, unit: np.ndarray, windows: np.ndarray) -> tuple[float, float]:
@@ -93,6 +102,12 @@ def _mean(squares: np.ndarray, unit: np.ndarray, windows: np.ndarray) -> tuple[f
         return float(x.mean()), 0.0
     less = np.array([x[unit != u].mean() for u in units])
     return float(x.mean()), float(np.sqrt((len(units) - 1) / len(units) * np.sum((less - less.mean()) ** 2)))
+
+
+def _unchanged(problem: Problem, fit: Fit, settings: ComparisonSettings) -> Fit:
+    """The fit to both sets without its changes."""
+    start = {k: v for k, v in fit.values.items() if not k.changed}
+    return fit if len(start) == len(fit.values) else fit_all(problem, [start], 6, settings=settings.results.fit)[0]
 
 
 def _fitted_before(

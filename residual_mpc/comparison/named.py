@@ -23,7 +23,9 @@ def named_changes(
     for c in sorted(rivals.found.changes, key=lambda c: -rivals.parts.get(c.term, 1.0)):
         effect, slots = BY_NAME[c.term.effect], problem.space.slots[c.term.effect]
         only = slots[0] if len(slots) == 1 and effect.target in ("actuator", "joint", "body") else None
-        by_fit = min(1.0 - c.by_fit, settings.doubtful / sure)  # what its fit alone shows is no more than possible
+        by_fit = min(
+            1.0 - c.by_fit, settings.doubtful / max(sure, 1e-9)
+        )  # what its fit alone shows is no more than possible
         probability = sure * rivals.shares.get(c.term, 1.0) * max(1.0 - c.p, by_fit)
         numbers = changed_numbers(problem, fit, c.term, spread, least_half(problem, fit, c.term, settings))
         unsized = any(n.note for n in numbers) or all(n.may_be_none for n in numbers)

@@ -63,19 +63,26 @@ class VisibleChange:
 @dataclass(frozen=True)
 class GapRise:
     """By how much the mean squared gap of a window is larger after than before, and what the changes leave of that,
-    with its standard error. A window in which the model misses more than the whole motion counts as one that misses the
-    whole: predictions that diverge would hide everything else."""
+    each with its standard error. What is compared after is the model fitted to both sets, without and with the changes:
+    what the later motions teach about the robot is none of them. A window in which the model misses more than the whole
+    motion counts as one that misses the whole: predictions that diverge would hide everything else."""
 
     risen: float
     left: float
+    risen_error: float
     left_error: float
+
+    @property
+    def visible(self) -> bool:
+        """Whether the gap is larger after by more than two standard errors."""
+        return self.risen > 2.0 * self.risen_error
 
 
 @dataclass(frozen=True)
 class ComparedGap:
-    """Gaps of the model fitted to the runs before, unitless, each on windows that its fit has not seen: on the runs
-    before, on those after, and on those after with the changes; folds: of the cross-validation; channels: the gaps by
-    channel."""
+    """Gaps, unitless, each on windows that the fit has not seen: of the model fitted to the runs before on these and on
+    those after, and of the model fitted to both sets with the changes on those after; folds: of the cross-validation;
+    channels: the gaps by channel."""
 
     nominal_before: float
     nominal_after: float

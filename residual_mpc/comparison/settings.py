@@ -44,16 +44,19 @@ class AccountSettings:
     """A search that keeps one set of effects at a time. largest: maximum number of effects in the account; steps:
     simulation steps that one hypothesis may cost; steps_of_equations: the same for a model that consists of a few
     equations and accepts any step; shortlist: starts that are fitted roughly at each step; finalists: starts that are
-    fitted to convergence. An effect that the search misses is missing on both sets, and cancels."""
+    fitted to convergence. further: maximum number of effects that are added beside the changes; worth: likelihood ratio
+    that each of their numbers needs; noise exceeds it for one of a hundred effects in one search of a hundred."""
 
     largest: int = 5
     steps: int = 12_000
     steps_of_equations: int = 30_000
     shortlist: int = 8
     finalists: int = 3
+    further: int = 3
+    worth: float = 15.0
 
     def __post_init__(self) -> None:
-        check_positive(self, "largest", "steps", "steps_of_equations", "shortlist", "finalists")
+        check_positive(self, "largest", "steps", "steps_of_equations", "shortlist", "finalists", "further", "worth")
 
 
 @dataclass(frozen=True)

@@ -112,6 +112,8 @@ def changed_numbers(problem: Problem, fit: Fit, term: Term, spread: Spread, law:
         own, general = Knob(knob.effect, knob.target, knob.parameter), Knob(knob.effect, None, knob.parameter)
         was = fit.values.get(own, fit.values.get(general, p.null))
         now = after[own]
+        if p.shape and not _there_before(fit.values, knob):
+            was = np.nan  # how an effect acts that was not there
         value = fit.values[knob] if p.shape else change_between(p, was, now)
         low, high = space.later_bounds(own)
         held = bool(fit.held[i] or now in (low, high))
@@ -135,6 +137,13 @@ def changed_numbers(problem: Problem, fit: Fit, term: Term, spread: Spread, law:
             )
         )
     return tuple(out)
+
+
+def _there_before(values: Values, knob: Knob) -> bool:
+    """Whether both sets have the effect of a changed number, on its target or on all."""
+    sizes = [k for k in values if k.effect == knob.effect and not k.changed and k.target in (knob.target, None)]
+    of = BY_NAME[knob.effect]
+    return any(not of.parameter(k.parameter).shape and values[k] != of.parameter(k.parameter).null for k in sizes)
 
 
 def came_to_nothing(fit: Fit, space: ChangeSpace, term: Term) -> bool:

@@ -36,10 +36,10 @@ LIKELY = 0.005  # probability from which another candidate is listed
 def comparison_lines(document: Document) -> list[str]:
     """The verdict, then a line for each figure, change and doubt."""
     gap, changes = document["gap"], document["changes"]
-    explained = f" -> {number(gap['after_explained'])} with the {_noun(changes)}" if changes else ""
+    with_changes = f" -> {number(gap['after_explained'])} with the {_noun(changes)}, fitted to both" if changes else ""
     details = [
         f"gap at {number(gap['horizon'])} s of the model fitted to the runs before: {number(gap['before'])} on these "
-        f"runs, {number(gap['after'])} on the runs after{explained} (noise floor {number(gap['noise_floor'], 2)})",
+        f"runs, {number(gap['after'])} on the runs after{with_changes} (noise floor {number(gap['noise_floor'], 2)})",
         *warnings(document),
         *(line for change in changes for line in (change_line(change), *(f"  {line}" for line in motor_lines(change)))),
         *(alike_sentence(group) for group in document["confounded"]),

@@ -11,42 +11,50 @@ from residual_mpc.comparison.records import Change, GapRise
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.models.settings import Term
 
+RISEN, NOT_RISEN = GapRise(0.16, 0.07, 0.01, 0.01), GapRise(0.01, 0.01, 0.01, 0.01)
+
 
 @pytest.mark.parametrize(
-    ("named", "p_left", "unexplained", "rises", "verdict"),
+    ("named", "p_left", "unexplained", "rise", "rises", "verdict"),
     [
-        (False, 0.5, 0.0, False, "same"),
-        (False, 0.001, 0.0, False, "unknown"),
-        (False, 0.5, 0.0, True, "unknown"),  # not significant, but the gap is several times as large
-        (True, 0.5, 0.1, True, "changed"),
-        (True, 0.001, 0.1, True, "partial"),
-        (True, 0.5, 0.5, False, "partial"),  # not significant, but half of the increase remains
+        (False, 0.5, 0.0, RISEN, False, "same"),
+        (False, 0.001, 0.0, RISEN, False, "unknown"),
+        (False, 0.001, 0.0, NOT_RISEN, False, "same"),  # errors of another kind, as large as before
+        (False, 0.5, 0.0, RISEN, True, "unknown"),  # not significant, but the gap is several times as large
+        (True, 0.5, 0.1, RISEN, True, "changed"),
+        (True, 0.001, 0.1, RISEN, True, "partial"),
+        (True, 0.5, 0.5, RISEN, False, "partial"),  # not significant, but half of the increase remains
     ],
 )
-def test_verdict(named: bool, p_left: float, unexplained: float, rises: bool, verdict: str) -> None:
-    assert _verdict(named, p_left, unexplained, rises, ComparisonSettings()) == verdict
+def test_verdict(named: bool, p_left: float, unexplained: float, rise: GapRise, rises: bool, verdict: str) -> None:
+    assert _verdict(named, p_left, unexplained, rise, rises, ComparisonSettings()) == verdict
 
 
 def test_the_share_that_is_left_is_of_the_rise() -> None:
-    assert _unexplained(GapRise(0.16, 0.07, 0.0)) == pytest.approx(0.07 / 0.16)
-    assert _unexplained(GapRise(0.16, -0.05, 0.0)) == 0.0 and _unexplained(GapRise(0.16, 0.7, 0.0)) == 1.0
-    assert _unexplained(GapRise(-0.05, 0.07, 0.0)) == 0.0  # nothing rose
+    assert _unexplained(GapRise(0.16, 0.07, 0.0, 0.0)) == pytest.approx(0.07 / 0.16)
+    assert _unexplained(GapRise(0.16, -0.05, 0.0, 0.0)) == 0.0 and _unexplained(GapRise(0.16, 0.7, 0.0, 0.0)) == 1.0
+    assert _unexplained(GapRise(-0.05, 0.07, 0.0, 0.0)) == 0.0  # nothing rose
 
 
 def test_what_is_left_within_the_scatter_of_the_windows_is_not_counted() -> None:
-    assert _unexplained(GapRise(0.010, 0.013, left_error=0.01)) == 0.0
-    assert _unexplained(GapRise(0.010, 0.013, left_error=0.001)) == 1.0
+    assert _unexplained(GapRise(0.010, 0.013, 0.01, left_error=0.01)) == 0.0
+    assert _unexplained(GapRise(0.010, 0.013, 0.01, left_error=0.001)) == 1.0
+    assert _unexplained(GapRise(0.030, 0.009, 0.01, left_error=0.01)) == 0.0
+
+
+def test_more_than_half_of_a_clear_rise_is_not_explained_however_the_rest_scatters() -> None:
+    assert _unexplained(GapRise(0.0223, 0.0173, 0.01, left_error=0.01)) == pytest.approx(0.0173 / 0.0223)
 
 
 def test_the_error_of_a_rise_is_that_of_a_mean_of_its_stretches() -> None:
     rng = np.random.default_rng(0)
     each, unit = rng.uniform(0.0, 1.0, size=60), np.repeat(np.arange(60), 4)
     later = unit >= 30
-    made = rise_of(np.repeat(each, 4), np.zeros(240), later, unit)
+    made = rise_of(np.repeat(each, 4), np.repeat(each, 4), np.zeros(240), later, unit)
     assert made.risen == pytest.approx(each[30:].mean() - each[:30].mean())
     assert made.left == pytest.approx(-each[:30].mean())
     assert made.left_error == pytest.approx(np.std(each[:30], ddof=1) / np.sqrt(30), rel=1e-6)
-    assert rise_of(np.repeat(each, 4), np.zeros(240), later, later.astype(int)).left_error == 0.0
+    assert rise_of(np.repeat(each, 4), np.repeat(each, 4), np.zeros(240), later, later.astype(int)).left_error == 0.0
 
 
 def test_a_prediction_that_diverges_does_not_hide_what_the_changes_leave() -> None:
@@ -56,13 +64,14 @@ def test_a_prediction_that_diverges_does_not_hide_what_the_changes_leave() -> No
     changed = np.concatenate([np.full(40, 0.01), np.full(40, 0.11)])
     same[77], changed[77] = 90.0, 80.0
     later, unit = np.arange(80) >= 40, np.arange(80) // 4
-    assert _unexplained(rise_of(same, changed, later, unit)) == pytest.approx(0.122 / 0.171, abs=0.01)
+    assert _unexplained(rise_of(same, same, changed, later, unit)) == pytest.approx(0.122 / 0.171, abs=0.01)
 
 
 def test_changes_that_explain_next_to_nothing_are_not_named() -> None:
     settings = ComparisonSettings()
     one, jumps = (Change(Term(name, None), 0.05, 0.01, (), "", None) for name in ("payload", "sensor_outliers"))
-    assert _worth_naming((one,), (), "partial", 0.05, settings) == ((), "unknown")
-    assert _worth_naming((one, jumps), (jumps,), "partial", 0.05, settings) == ((jumps,), "partial")
-    assert _worth_naming((one,), (), "partial", 0.3, settings) == ((one,), "partial")
-    assert _worth_naming((), (), "same", 0.05, settings) == ((), "same")
+    assert _worth_naming((one,), (), "partial", "unknown", 0.05, settings) == ((), "unknown")
+    assert _worth_naming((one,), (), "partial", "same", 0.05, settings) == ((), "same")
+    assert _worth_naming((one, jumps), (jumps,), "partial", "unknown", 0.05, settings) == ((jumps,), "partial")
+    assert _worth_naming((one,), (), "partial", "unknown", 0.3, settings) == ((one,), "partial")
+    assert _worth_naming((), (), "same", "same", 0.05, settings) == ((), "same")

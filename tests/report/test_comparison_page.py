@@ -139,7 +139,7 @@ def test_lines_in_a_terminal():
         "The effective track width increased by 10 %, from 106 % to 117 % of the modelled value and the command delay "
         "increased by 45 ms, from 71 ms to 116 ms.",
         "  gap at 1 s of the model fitted to the runs before: 0.033 on these runs, 0.106 on the runs after -> 0.035 "
-        "with the changes (noise floor 0.03)",
+        "with the changes, fitted to both (noise floor 0.03)",
         "  track_width: scale 1.06 -> 1.17, ratio 1.100 (1.093 to 1.107), probability 0.97",
         "  command_delay: delay 71 ms -> 116 ms, change 45 ms (26 to 64) (at the bound of its search range), "
         "probability 0.97",
