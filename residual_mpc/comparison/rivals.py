@@ -22,7 +22,12 @@ from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.additions import mixed
 from residual_mpc.diagnosis.search.confounded_groups import place
 from residual_mpc.diagnosis.search.substitutes import counting_all, imitate
+from residual_mpc.effects.actuator import ACTUATOR_GAIN
+from residual_mpc.effects.body import JOINT_COMPLIANCE
 from residual_mpc.models.settings import Knob, Term, Values
+
+# a servo of lower gain yields to a load as one behind a spring does; only fast motions tell the two apart
+YIELDING = {ACTUATOR_GAIN.name, JOINT_COMPLIANCE.name}
 
 
 @dataclass(frozen=True)
@@ -119,7 +124,10 @@ def _alone_as_good(
 def _hardly_told(problem: Problem, one: Term, other: Term, ratio: float, settings: ComparisonSettings) -> bool:
     """Whether an effect imitates the one that explains most and their likelihood ratio is too small to tell them apart.
     Twins do the same, so no ratio tells them apart."""
-    return problem.space.are_twins(one, other) or (imitate(one, other) and ratio < settings.search.hardly)
+    if problem.space.are_twins(one, other):
+        return True
+    yielding = one.target == other.target and {one.effect, other.effect} == YIELDING
+    return (yielding or imitate(one, other)) and ratio < settings.search.hardly
 
 
 def _in_place_of(

@@ -92,9 +92,10 @@ def where_it_acts(
     rows = acting(effect, p)
     if 2 * len(rows) > len(u):
         return through(p, u, np.arange(len(u)))
+    if not len(rows):
+        return u
     out = u.copy()
-    if len(rows):
-        out[rows] = through({k: v[rows] for k, v in p.items()}, u[rows], rows)
+    out[rows] = through({k: v[rows] for k, v in p.items()}, u[rows], rows)
     return out
 
 

@@ -81,10 +81,10 @@ def _at_end(effect: Effect, p: Values, mean: np.ndarray, end: np.ndarray, after:
     rows = acting(effect, p)
     if 2 * len(rows) > len(mean):
         return effect.at_end({k: v[:, None, :] for k, v in p.items()}, mean, end, after, dt)
-    out = end.copy()
-    if len(rows):
-        own = {k: v[rows, None, :] for k, v in p.items()}
-        out[rows] = effect.at_end(own, mean[rows], end[rows], after[rows], dt)
+    if not len(rows):
+        return end
+    out, own = end.copy(), {k: v[rows, None, :] for k, v in p.items()}
+    out[rows] = effect.at_end(own, mean[rows], end[rows], after[rows], dt)
     return out
 
 

@@ -53,6 +53,15 @@ def test_imitations_need_a_larger_ratio_and_twins_are_never_told_apart(one: Term
     assert _hardly_told(problem, one, LATE, ratio, ComparisonSettings()) is expected
 
 
+@pytest.mark.parametrize(("target", "ratio", "expected"), [("j2", 19.0, True), ("j2", 21.0, False), ("j1", 1.0, False)])
+def test_a_weaker_servo_and_a_spring_behind_it_are_hard_to_tell_apart(
+    target: str, ratio: float, expected: bool
+) -> None:
+    problem: Any = SimpleNamespace(space=SimpleNamespace(are_twins=lambda a, b: False))
+    weaker, spring = Term("actuator_gain", target, True), Term("joint_compliance", "j2", True)
+    assert _hardly_told(problem, weaker, spring, ratio, ComparisonSettings()) is expected
+
+
 def test_an_effect_on_all_targets_speaks_for_the_one_that_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """Only one of the two limits is ever reached."""
     fit: Any = SimpleNamespace(values={}, cost=1.0)
