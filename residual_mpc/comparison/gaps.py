@@ -40,12 +40,13 @@ def compared_gap(
     before = refitted(part, start, [mask[earlier] for mask in clear])
     changed = refitted(problem, fit, clear)
     alone = _unchanged(problem, fit, settings)
+    named = jumping or alone is not fit
     unchanged = changed if alone is fit else refitted(problem, alone, clear)
     nominal = {k: space.null(k) for k in space.tunables}
     errors = np.empty((4, *data.y.shape))
     for fold in range(folds.count):
         mine = folds.number == fold
-        rows = [nominal, before[fold], unchanged[fold], changed[fold]]
+        rows = [nominal, before[fold], unchanged[fold], changed[fold] if named else before[fold]]
         tested = data.take(mine)
         errors[:, mine] = tested.y - predict(tested, space.settings(rows))
     if jumping:
