@@ -104,6 +104,13 @@ def test_of_several_numbers_those_are_said_that_did_not_stay():
     assert "mass of link forearm" in both and "centre of mass" in both
 
 
+def test_a_number_that_has_stayed_is_as_before():
+    """A fit leaves rounding errors."""
+    static, kinetic = number(0.0, 0.1, 0.1, 0.02, "N m"), number(0.0, 5e-19, 5e-19, 5e-19, "N m")
+    line = plain(change_line(change("stribeck_friction", static=static, kinetic=kinetic)))
+    assert "static 0 -> 0.1 N m, change 0.100 N m" in line and "kinetic 0, as before" in line, line
+
+
 def test_numbers_that_say_only_how_an_effect_acts_are_left_to_the_details():
     numbers = {"rate": number(0.0, 0.02, 0.02, 0.001, "m/s"), "heading": number(0.0, 0.5, 0.5, 0.1, "rad")}
     assert clause("slope", **numbers) == "a drift in a fixed direction appeared (20 mm/s)"

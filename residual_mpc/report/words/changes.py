@@ -27,6 +27,8 @@ WORSE = 1.5  # times the gap before, from which a larger gap after is remarked w
 SMALL = 0.05  # share of the rise of the squared gap, below which what is left is a smaller difference
 NONE = 0.02  # share of a number's value on the other side under which something is said to be absent
 
+UNCHANGED = 1e-9  # SI units, below which a number has stayed: a fit leaves rounding errors
+
 
 def comparison_sentence(document: Document) -> str:
     """The verdict in one sentence."""
@@ -101,6 +103,8 @@ def number_words(change: Mapping[str, Any], parameter: str) -> str:
     size = measure_interval(n["change"]["value"], n["change"]["ci95"], n["change"]["unit"])
     if n["before"] is None:
         return f"none {ARROW} {size}{note}"
+    if not is_ratio(change, parameter) and abs(n["change"]["value"]) < UNCHANGED:
+        return f"{before}, as before{note}"
     return f"{before} {ARROW} {after}, {'ratio' if is_ratio(change, parameter) else 'change'} {size}{note}"
 
 
