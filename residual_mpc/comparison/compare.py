@@ -84,9 +84,6 @@ def compare(
         return _judged(given, sets, windows[0], space, (searched, whole), rivals, rng, settings)
 
 
-RISES = 1.5  # gap after over gap before, from which the sets' motions are looked at
-
-
 @dataclass(frozen=True, eq=False)
 class Searched:
     """What a search found, on which windows and stretches."""
@@ -169,6 +166,7 @@ def _judged(
     named = named if sure == settings.sure else named_changes(whole, fit, rivals, spread, sure, settings)
     considered = (*doubted(named, doubts, settings.doubtful), *jumping)
     groups = tuple(tuple(tuple(plain(t) for t in m) for m in g) for g in rivals.groups)
+    # what is not named was significant, so that the sets differ
     unnamed = _verdict(False, 0.0, unexplained, gap.rise, rises, settings)
     changes, verdict = _worth_naming(considered, jumping, verdict, unnamed, sure, settings)
     groups = groups if changes == considered else ()
@@ -200,7 +198,7 @@ def _judged(
         notes=(
             *notes_on(doubts),
             *(_leading(last, settings) if verdict == "unknown" else ()),
-            *_driving(sets, gap, verdict),
+            *_driving(sets, gap, verdict, settings),
         ),
     )
 
@@ -222,10 +220,10 @@ def _leading(last: Searched, settings: ComparisonSettings) -> tuple[str, ...]:
     )
 
 
-def _driving(sets: TwoSets, gap: ComparedGap, verdict: str) -> tuple[str, ...]:
+def _driving(sets: TwoSets, gap: ComparedGap, verdict: str, settings: ComparisonSettings) -> tuple[str, ...]:
     """A note on sets that are driven differently, where that may be why they differ."""
-    how = driven_differently(sets.clean, sets.side(sets.clean))
-    worse = gap.after_explained > RISES * max(gap.before, gap.noise_floor)
+    how = driven_differently(sets.clean, sets.side(sets.clean), settings.unlike)
+    worse = gap.after_explained > settings.worse * max(gap.before, gap.noise_floor)
     if not how or (verdict in ("same", "changed") and not worse):
         return ()
     return (

@@ -10,7 +10,6 @@ from residual_mpc.diagnosis.data.gap import Scales
 from residual_mpc.models.protocol import Robot
 
 LEAST = 1e-6
-UNLIKE = 1.5  # ratio between the sets, from which their commands are called different
 
 
 def conditions_of(data: Dataset, scales: Scales, robots: Sequence[Robot], later: np.ndarray) -> np.ndarray:
@@ -47,8 +46,9 @@ def balanced(columns: np.ndarray, later: np.ndarray, most: int, apart: float) ->
     return columns[:, (difference < apart * spread) & (spread > 0.0)][:, :most]
 
 
-def driven_differently(data: Dataset, later: np.ndarray) -> str:
-    """How the commands of the later windows differ, in words; empty where they are alike. later (W,) bool."""
+def driven_differently(data: Dataset, later: np.ndarray, unlike: float) -> str:
+    """How the commands of the later windows (W,) bool differ in size and speed, in words; empty where both ratios are
+    below `unlike`."""
     size, rate = np.zeros((2, data.count, max(b.drive.command.shape[2] for b in data.blocks)))
     for b in data.blocks:
         u = b.drive.command[:, b.drive.lead :]
@@ -59,7 +59,7 @@ def driven_differently(data: Dataset, later: np.ndarray) -> str:
         before, after = squares[~later].mean(axis=0), squares[later].mean(axis=0)
         there = (before > 0.0) & (after > 0.0)
         ratio = float(np.exp(0.5 * np.mean(np.log(after[there] / before[there])))) if there.any() else 1.0
-        if not 1.0 / UNLIKE <= ratio <= UNLIKE:
+        if not 1.0 / unlike <= ratio <= unlike:
             said.append(what.format(f"{ratio:.2g}"))
     return " and ".join(said)
 

@@ -98,7 +98,9 @@ class ComparisonSettings:
     a number at a bound, one whose intervals contain no change, or one that explains less than the share `faint` of what
     all changes explain: the model predicts no large change better than that. unexplained: share of the rise that may be
     left where the changes are to explain it. rises: ratio of the gap after to the gap before above which the verdict is
-    `unknown` instead of `same`, where every later run fits far worse. hidden: of what all model errors beyond the noise
+    `unknown` instead of `same`, where every later run fits far worse. unlike: ratio between the sets of the size or the
+    speed of the commands, from which a note says that they differ, where the gap after is more than `worse` times that
+    before or changes leave something. hidden: of what all model errors beyond the noise
     would make of a change if they pointed in its direction, the part that its interval allows for. folds: of the
     cross-validation."""
 
@@ -109,6 +111,8 @@ class ComparisonSettings:
     named: float = 0.1
     unexplained: float = 0.3
     rises: float = 3.0
+    unlike: float = 1.5
+    worse: float = 1.5
     hidden: float = 0.1
     folds: int = 4
     account: AccountSettings = field(default_factory=AccountSettings)
@@ -118,4 +122,4 @@ class ComparisonSettings:
 
     def __post_init__(self) -> None:
         check_share(self, "sure", "sure_partial", "doubtful", "faint", "named", "unexplained", "hidden")
-        check_positive(self, "rises", "folds")
+        check_positive(self, "rises", "unlike", "worse", "folds")

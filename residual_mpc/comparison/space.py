@@ -46,10 +46,6 @@ class ChangeSpace(Space):
         """Limits of a number on the later runs."""
         return self.later_on.get(knob) or Space.bounds(self, knob)
 
-    def may_join(self, term: Term, terms: Sequence[Term]) -> bool:
-        """Whether a change may join other changes, or an effect on both sets others on both."""
-        return super().may_join(term, [t for t in terms if t.changed == term.changed])
-
     def probes(self, term: Term) -> list[Values]:
         """Values worth a first look; of a change no more than tell its direction, since its size, which may be
         negative, follows from the units."""

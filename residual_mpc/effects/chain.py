@@ -89,7 +89,10 @@ def where_it_acts(
 ) -> np.ndarray:
     """What an effect makes of u (B, K, n), by way of `through` (parameters, signal and numbers of some rows): rows
     whose parameters are null are skipped if they are at least half of all: their output is their input."""
-    rows = acting(effect, p)
+    acts = np.zeros(len(u), dtype=bool)
+    for q in effect.parameters:
+        acts |= (not q.shape) & (p[q.name] != q.null).any(axis=1)
+    rows = np.flatnonzero(acts)
     if 2 * len(rows) > len(u):
         return through(p, u, np.arange(len(u)))
     if not len(rows):
@@ -97,12 +100,6 @@ def where_it_acts(
     out = u.copy()
     out[rows] = through({k: v[rows] for k, v in p.items()}, u[rows], rows)
     return out
-
-
-def acting(effect: Effect, p: Values) -> np.ndarray:
-    """The numbers of the rows whose parameters p (B, n) are not null."""
-    acts = [(p[q.name] != q.null).any(axis=1) for q in effect.parameters if not q.shape]
-    return np.flatnonzero(np.logical_or.reduce(acts))
 
 
 def in_turn(step: Callable[[int, np.ndarray, Any], tuple[Array, Any]], u: np.ndarray, memory: Any) -> np.ndarray:

@@ -12,7 +12,6 @@ import numpy as np
 from residual_mpc.effects.chain import (
     OUTPUT,
     Chain,
-    acting,
     chain_of,
     filled,
     in_turn,
@@ -77,15 +76,13 @@ def speeds_and_ends(
 
 def _at_end(effect: Effect, p: Values, mean: np.ndarray, end: np.ndarray, after: np.ndarray, dt: float) -> np.ndarray:
     """(B, K, nu) what an effect has come to at the end of each step. mean, end: before it; after: its means."""
-    assert effect.at_end is not None
-    rows = acting(effect, p)
-    if 2 * len(rows) > len(mean):
-        return effect.at_end({k: v[:, None, :] for k, v in p.items()}, mean, end, after, dt)
-    if not len(rows):
-        return end
-    out, own = end.copy(), {k: v[rows, None, :] for k, v in p.items()}
-    out[rows] = effect.at_end(own, mean[rows], end[rows], after[rows], dt)
-    return out
+    at_end = effect.at_end
+    assert at_end is not None
+
+    def through(p: Values, end: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        return at_end({k: v[:, None, :] for k, v in p.items()}, mean[rows], end, after[rows], dt)
+
+    return where_it_acts(effect, p, end, through)
 
 
 def _switched(both: Signals, on: np.ndarray | None) -> Signals:

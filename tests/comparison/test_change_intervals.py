@@ -12,7 +12,7 @@ from diagnosis.linear import GAIN, HEADING, SCALE, Linear, fitted, space_of, win
 
 from residual_mpc.comparison.sets import units_of
 from residual_mpc.comparison.settings import ComparisonSettings, ContrastSettings
-from residual_mpc.comparison.sizes import came_to_nothing, changed_numbers, jackknife, least_half
+from residual_mpc.comparison.sizes import _there_before, came_to_nothing, changed_numbers, jackknife, least_half
 from residual_mpc.comparison.space import ChangeSpace, change_space
 from residual_mpc.comparison.units import Units, build_units
 from residual_mpc.models.settings import Knob
@@ -147,3 +147,13 @@ def test_an_effect_that_is_gone_is_at_no_bound_and_as_uncertain_as_it_was() -> N
     half = 0.5 * (number.ci95[1] - number.ci95[0])
     (before,) = (fit.knobs.index(k) for k in fit.knobs if k == lag)
     assert half == pytest.approx(2.0 * jackknife(fit, UNITS).sigma[before], rel=0.3)
+
+
+def test_how_an_effect_acts_has_no_value_before_where_the_effect_was_not_there() -> None:
+    ratio = Knob("joint_compliance", "j2", "damping_ratio", changed=True)
+    spring = Knob("joint_compliance", "j2", "stiffness")
+    assert not _there_before({ratio: 0.05, spring._replace(changed=True): 200.0}, ratio)
+    assert not _there_before({ratio: 0.05, spring: float("inf")}, ratio)
+    assert not _there_before({ratio: 0.05, spring._replace(target="j1"): 300.0}, ratio)
+    assert _there_before({ratio: 0.05, spring: 300.0}, ratio)
+    assert _there_before({ratio: 0.05, spring._replace(target=None): 300.0}, ratio)

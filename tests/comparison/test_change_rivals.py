@@ -132,10 +132,12 @@ def test_what_was_a_rival_of_a_dropped_change_is_a_candidate_no_more() -> None:
 
 
 @pytest.mark.parametrize(
-    ("p", "by_fit", "expected"), [(0.9, 1e-4, 0.45), (0.9, 0.95, 0.097), (0.1, 1e-4, 0.873), (0.01, 1.0, 0.9603)]
-)
+    ("p", "by_fit", "sure", "expected"),
+    [(0.9, 1e-4, 0.97, 0.45), (0.9, 0.95, 0.97, 0.097), (0.1, 1e-4, 0.97, 0.873), (0.01, 1.0, 0.97, 0.9603),
+     (0.01, 1e-4, 0.0, 0.0)],  # where all changes together explain nothing
+)  # fmt: skip
 def test_a_change_that_only_its_fit_shows_is_no_more_than_possible(
-    p: float, by_fit: float, expected: float, monkeypatch: pytest.MonkeyPatch
+    p: float, by_fit: float, sure: float, expected: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sized = SimpleNamespace(note="", may_be_none=False)
     monkeypatch.setattr(named, "changed_numbers", lambda *_: (sized,))
@@ -143,7 +145,7 @@ def test_a_change_that_only_its_fit_shows_is_no_more_than_possible(
     found: Any = SimpleNamespace(changes=(FoundChange(LATE, p, by_fit),))
     told: Any = SimpleNamespace(found=found, parts={LATE: 1.0}, shares={LATE: 1.0})
     problem: Any = SimpleNamespace(space=SimpleNamespace(slots={LATE.effect: ()}))
-    (change,) = named.named_changes(problem, Any, told, Any, 0.97, ComparisonSettings())
+    (change,) = named.named_changes(problem, Any, told, Any, sure, ComparisonSettings())
     assert change.probability == pytest.approx(expected)
 
 

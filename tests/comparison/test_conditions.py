@@ -1,9 +1,13 @@
 """Which of the conditions of a stretch the test takes into account."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
+import pytest
 from diagnosis.linear import windows
 
-from residual_mpc.comparison.conditions import balanced, driving_of
+from residual_mpc.comparison.conditions import balanced, driven_differently, driving_of
 
 LATER = np.arange(80) >= 40
 
@@ -32,3 +36,18 @@ def test_the_components_are_uncorrelated_and_of_unit_variance() -> None:
     components = driving_of(windows(6, 12.0))
     covariance = components.T @ components / len(components)
     np.testing.assert_allclose(covariance, np.eye(components.shape[1]), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("size", "speed", "said"),
+    [(1.0, 1.0, ""), (1.4, 1.0, ""), (2.0, 1.0, "vary 2 times as much and change 2 times as fast"),
+     (1.0, 3.0, "change 3 times as fast"), (0.5, 2.0, "vary 0.5 times as much")],
+)  # fmt: skip
+def test_commands_that_are_larger_or_faster_after_are_said_to_be(size: float, speed: float, said: str) -> None:
+    """Forty windows with two periods of a sine before, larger and faster by these factors after; an actuator that is
+    never driven says nothing."""
+    t = 2.0 * np.pi * np.arange(2000) / 1000.0
+    command = np.where(LATER[:, None], size * np.sin(speed * t), np.sin(t))
+    drive = SimpleNamespace(command=np.stack([command, 0.0 * command], axis=2), lead=0, dt=0.01)
+    data: Any = SimpleNamespace(count=80, blocks=[SimpleNamespace(drive=drive, where=slice(0, 80))])
+    assert driven_differently(data, LATER, 1.5) == said
