@@ -35,7 +35,7 @@ class Estimate(NamedTuple):
 @dataclass(frozen=True)
 class ServoDoubt:
     """gain: a named gain of a servo; share: its share of the likelihood, against a change of the position gain alone;
-    frictions: named viscous frictions that together with the gain are equivalent to such a change, else none."""
+    frictions: named viscous frictions that together with the gain are such a change, else none."""
 
     gain: Term
     share: float
@@ -64,7 +64,7 @@ def servo_doubts(
         covered = all(any(t.target in (joint, None) for t in fitting) for joint in dampings)
         share = share_of_whole_gain(number.change, dampings, told)
         if fitting and covered:
-            out.append(ServoDoubt(change.term, 0.0, tuple(fitting)))
+            out.append(ServoDoubt(change.term, 1.0, tuple(fitting)))
         elif share is not None:
             out.append(ServoDoubt(change.term, share))
     return tuple(out)
@@ -72,37 +72,30 @@ def servo_doubts(
 
 def completes(gain: ChangedNumber, friction: Change, dampings: dict[str, float]) -> bool:
     """Whether a named change of the viscous friction equals (1 - gain) times the damping within the combined intervals,
-    which must be narrower than that value, or has the same sign and is stopped short of it by a bound. dampings: of
-    the servos, N m s/rad by joint."""
+    which must be narrower than that value. dampings: of the servos, N m s/rad by joint."""
     acted = [d for joint, d in dampings.items() if friction.term.target in (joint, None)]
     if not acted:
         return False
     found, damping = friction.parameters[0], float(np.mean(acted))
     missed = (1.0 - gain.change) * damping
     off = float(np.hypot(_half(found), damping * _half(gain)))
-    if abs(missed) <= off:
-        return False
-    # the joint's total friction cannot become negative
-    short = bool(found.note) and 0.0 < found.change / missed < 1.0
-    return short or abs(found.change - missed) <= off
+    return abs(missed) > off >= abs(found.change - missed)
 
 
 def _half(number: ChangedNumber) -> float:
     return 0.5 * (number.ci95[1] - number.ci95[0])
 
 
-def doubted(changes: Sequence[Change], doubts: Sequence[ServoDoubt], doubtful: float) -> tuple[Change, ...]:
-    """The changes, with lower probabilities for gains that may be a change of the position gain alone. doubtful: upper
-    limit for a gain and a friction that together are equivalent to such a change."""
-    out = []
-    for change in changes:
-        for doubt in doubts:
-            if doubt.frictions and change.term in (doubt.gain, *doubt.frictions):
-                change = replace(change, probability=min(change.probability, doubtful))
-            elif change.term == doubt.gain:
-                change = replace(change, probability=change.probability * doubt.share)
-        out.append(change)
-    return tuple(out)
+def judged(changes: Sequence[Change], doubts: Sequence[ServoDoubt]) -> tuple[Change, ...]:
+    """The changes, with lower probabilities for gains that may be a change of the position gain alone. A gain and the
+    friction that completes it are equally probable: together they are a single number."""
+    shares = {doubt.gain: doubt.share for doubt in doubts}
+    sure = {c.term: c.probability * shares.get(c.term, 1.0) for c in changes}
+    for doubt in doubts:
+        if doubt.frictions:
+            together = (doubt.gain, *doubt.frictions)
+            sure |= dict.fromkeys(together, max(sure[term] for term in together))
+    return tuple(replace(c, probability=sure[c.term]) for c in changes)
 
 
 def notes_on(doubts: Sequence[ServoDoubt]) -> tuple[str, ...]:
@@ -112,16 +105,15 @@ def notes_on(doubts: Sequence[ServoDoubt]) -> tuple[str, ...]:
         if doubt.frictions:
             names = " and ".join(str(t) for t in (doubt.gain, *doubt.frictions))
             out.append(
-                f"{names} together are equivalent to a change of the position gain alone, with the servo's damping "
-                "unchanged (a new P gain or supply voltage). One such change is more probable than several, but the "
-                "library has no effect for it"
+                f"{names} together are a change of the position gain alone, with the servo's damping unchanged (a new "
+                "P gain or supply voltage)"
             )
         elif doubt.share < WORTH_A_NOTE:
             how = "explains the runs better" if doubt.better else "is not ruled out"
             out.append(
                 f"{doubt.gain}: a change of the position gain alone, with the servo's damping unchanged (a new P gain "
-                f"or supply voltage), {how}: its share of the likelihood is {1.0 - doubt.share:.2f}. The library "
-                "has no effect for it"
+                f"or supply voltage), {how}: its share of the likelihood is {1.0 - doubt.share:.2f}. It would be a "
+                "gain and a viscous friction together"
             )
     return tuple(out)
 

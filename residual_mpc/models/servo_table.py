@@ -1,13 +1,20 @@
 """The servos of a robot, a row each: what the model says of each, and what a diagnosis found."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from math import hypot
 from typing import Any, NamedTuple
 
 from residual_mpc.effects.command import COMMAND_DELAY
 from residual_mpc.effects.servo.motor import Motor
-from residual_mpc.effects.servo.numbers import NUMBERS, ServoNumber, Source
+from residual_mpc.effects.servo.numbers import (
+    JOINT_DAMPING,
+    NUMBERS,
+    SERVO_DAMPING,
+    SERVO_STIFFNESS,
+    ServoNumber,
+    Source,
+)
 from residual_mpc.effects.servo.readings import Driven
 from residual_mpc.models import optional
 from residual_mpc.models.actuator_values import ActuatorValues, ListsActuators
@@ -19,7 +26,6 @@ from residual_mpc.models.settings import TUNE, Settings, assemble
 from residual_mpc.models.sliding_units import sliding_unit
 
 CORRECTED, RETUNED, NOT_NAMED, NOT_TESTABLE = "corrected", "retuned", "not named", "not testable"
-SERVO_DAMPING = "damping"  # the number of a servo that its gain scales beside its stiffness
 Interval = tuple[float, float]
 
 
@@ -95,7 +101,7 @@ def servo_rows(found: Mapping[str, Any], robot: Robot, file: RobotFile) -> tuple
     return tuple(
         ServoRow(
             at.actuator, at.joint, at.kind, (motor := _motor(at, robot, file)),
-            tuple(
+            _friction_above_zero(
                 replace(_value(number, sources, at, now, entries, doubts, robot), by_constants=_given(number, motor))
                 for number in NUMBERS
                 if not number.kinds or at.kind in number.kinds
@@ -105,6 +111,35 @@ def servo_rows(found: Mapping[str, Any], robot: Robot, file: RobotFile) -> tuple
         )
         for at, now in zip(nominal, retuned, strict=True)
     )  # fmt: skip
+
+
+def _friction_above_zero(values: Iterable[ServoValue]) -> tuple[ServoValue, ...]:
+    """The numbers of a servo, in which what a viscous friction is below zero comes off the servo's damping."""
+    found = {v.name: v for v in values}
+    friction, servo = found.get(JOINT_DAMPING), found.get(SERVO_DAMPING)
+    if friction is not None and servo is not None and friction.value is not None and friction.value < 0.0:
+        assert servo.value is not None
+        total = servo.value + friction.value
+        sure = [p for p in (friction.probability, servo.probability if servo.effects else None) if p is not None]
+        found[SERVO_DAMPING] = replace(
+            servo, value=total, ci95=_of_sum(total, servo, friction), probability=min(sure, default=None),
+            status=friction.status, effects=(*servo.effects, *friction.effects),
+            alike=friction.alike and (servo.alike or not servo.effects),
+            notes=tuple(dict.fromkeys((*servo.notes, *friction.notes))),
+        )  # fmt: skip
+        found[JOINT_DAMPING] = replace(friction, value=0.0, ci95=_above_zero(friction.ci95))
+    return tuple(found.values())
+
+
+def _of_sum(total: float, *parts: ServoValue) -> Interval | None:
+    """Of independent parts; None where none of them has an interval."""
+    apart = [(p.value - p.ci95[0], p.ci95[1] - p.value) for p in parts if p.ci95 and p.value is not None]
+    low, high = (hypot(*ends) for ends in zip(*apart, strict=True)) if apart else (0.0, 0.0)
+    return (total - low, total + high) if apart else None
+
+
+def _above_zero(interval: Interval | None) -> Interval | None:
+    return None if interval is None else (max(interval[0], 0.0), max(interval[1], 0.0))
 
 
 def _of_the_log(entry: Mapping[str, Any]) -> bool:
@@ -127,11 +162,19 @@ def driven_by(
         mine = {name for name in (v.actuator, v.joint) if name in robot.slots(effect)}
         acted = target in mine if target is not None else mine and not mine & set(but)
         if motor is not None and acted:
-            servo = next((x.value for x in row.values if x.name == SERVO_DAMPING), None)
             joint = v.viscous_friction
-            damped = v.damping + joint, (v.damping if servo is None else servo) + joint
+            damped = v.damping + joint, _as_scaled(v, row) + joint
             out.append(Driven(v.actuator, motor, v.stiffness, v.gear, *damped))
     return tuple(out)
+
+
+def _as_scaled(at: ActuatorValues, row: ServoRow) -> float:
+    """The servo's damping as a gain of the whole servo leaves it, without what a friction takes from it."""
+    found = {v.name: v for v in row.values}
+    stiffness, servo = found.get(SERVO_STIFFNESS), found.get(SERVO_DAMPING)
+    if stiffness is not None and stiffness.value is not None and at.stiffness > 0.0:
+        return at.damping * stiffness.value / at.stiffness
+    return at.damping if servo is None or servo.value is None else servo.value
 
 
 def _value(
@@ -227,9 +270,7 @@ def _slot(source: Source, at: ActuatorValues, robot: Robot) -> str | None:
     return next((name for name in names.get(source.effect.target, (at.joint,)) if name in slots), None)
 
 
-def _notes(
-    named: Sequence[tuple[Source, Mapping[str, Any]]], confounded: Sequence[Sequence[Any]]
-) -> tuple[str, ...]:
+def _notes(named: Sequence[tuple[Source, Mapping[str, Any]]], confounded: Sequence[Sequence[Any]]) -> tuple[str, ...]:
     notes = [e["parameters"][s.parameter].get("note") or e.get("note") for s, e in named]
     differing = ["differs from run to run" for _, e in named if e.get("by_run")]
     rivals = dict.fromkeys(rival for s, e in named for rival in _rivals(e, confounded))

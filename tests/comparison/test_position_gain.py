@@ -1,4 +1,4 @@
-"""If only the position gain of a servo changed, actuator_gain is not named with high probability."""
+"""A change of a servo's position gain alone is a gain and a friction; a gain alone is then doubtful."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 import residual_mpc as rm
 from residual_mpc.comparison.contrast import Contrast
-from residual_mpc.comparison.position_gain import doubted, notes_on, servo_doubts
+from residual_mpc.comparison.position_gain import judged, notes_on, servo_doubts
 from residual_mpc.comparison.records import Change, ChangedNumber
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Knob, Term
@@ -60,11 +60,19 @@ def test_a_change_of_the_whole_gain_is_named(tmp_path: Path) -> None:
     assert all(c["probability"] < 0.5 for name, c in named.items() if name != "actuator_gain")
 
 
-def test_a_change_of_the_position_gain_alone_is_partly_explained(tmp_path: Path) -> None:
-    found = compared(tmp_path, 0.7 * KP, KV).document
-    named = {c["effect"]: c["probability"] for c in found["changes"]}
-    assert set(named) == {"actuator_gain", "viscous_friction"} and max(named.values()) < 0.5
-    assert found["verdict"] == "partial" and "position gain alone" in found["notes"][0]
+@pytest.mark.parametrize("factor", [0.7, 1.4])
+def test_a_change_of_the_position_gain_alone_is_a_gain_and_a_friction(tmp_path: Path, factor: float) -> None:
+    """Negative where the gain has grown, since the damping has not."""
+    found = compared(tmp_path, factor * KP, KV).document
+    named = {c["effect"]: c for c in found["changes"]}
+    assert set(named) == {"actuator_gain", "viscous_friction"} and found["verdict"] == "changed"
+    gain, friction = (
+        named[e]["parameters"][p]["change"] for e, p in (("actuator_gain", "gain"), ("viscous_friction", "coefficient"))
+    )
+    assert gain["value"] == pytest.approx(factor, rel=0.03)
+    assert friction["ci95"][0] <= (1.0 - factor) * KV <= friction["ci95"][1]
+    assert min(c["probability"] for c in named.values()) > 0.9
+    assert "position gain alone" in found["notes"][0]
 
 
 def contrast(value: float, error: float) -> Contrast:
@@ -130,21 +138,13 @@ def test_a_friction_that_completes_the_gain() -> None:
     assert servo_doubts([change("actuator_gain", 1.0, 0.02), change("viscous_friction", 0.1, 0.02)], ROBOTS, []) == ()
 
 
-def test_a_friction_at_its_bound_completes_a_gain_that_asks_for_more() -> None:
-    """With a gain of 1.4 the position gain alone requires -0.2 N m s/rad; a model with 0.05 can lose no more."""
-    gain, friction = change("actuator_gain", 1.4, 0.02), change("viscous_friction", -0.05, 0.01)
-    at_bound = replace(friction, parameters=(replace(friction.parameters[0], note="at a bound"),))
-    assert servo_doubts([gain, friction], ROBOTS, []) == ()
-    (doubt,) = servo_doubts([gain, at_bound], ROBOTS, [])
-    assert doubt.frictions == (friction.term,) and doubt.better
-
-
 def test_what_is_doubted_is_less_probable_and_said() -> None:
     changes = [change("actuator_gain", 0.8, 0.02), change("viscous_friction", 0.1, 0.02), change("armature", 0.1, 0.02)]
     both = servo_doubts(changes, ROBOTS, [])
-    assert [c.probability for c in doubted(changes, both, 0.45)] == [0.45, 0.45, 0.9]
+    faint = [changes[0], replace(changes[1], probability=0.45), changes[2]]
+    assert [c.probability for c in judged(faint, both)] == [0.9, 0.9, 0.9]
     (note,) = notes_on(both)
     assert "actuator_gain and viscous_friction together" in note
     alone = servo_doubts(changes[:1], ROBOTS, [contrast(0.0499, 0.02)])
-    assert doubted(changes, alone, 0.45)[0].probability == pytest.approx(0.45, abs=0.01)
+    assert judged(changes, alone)[0].probability == pytest.approx(0.45, abs=0.01)
     assert "not ruled out: its share of the likelihood is 0.49" in notes_on(alone)[0]

@@ -104,6 +104,12 @@ def test_each_thing_that_it_says_moves_like_the_diagnosed_robot(
     assert before["left_out"] == [] and plain.replace("../../meshes", "meshes") == URDF
 
 
+def test_a_servo_that_damps_less_is_not_in_it(folder: Path) -> None:
+    document = exported(folder, {("viscous_friction", "j1", "coefficient"): -0.3})
+    assert any("lower the servos' damping" in note for note in document["approximated"])
+    assert 'damping="0"' in (folder / "out" / "deep" / "arm.urdf").read_text()
+
+
 def test_a_payload_beside_its_site_moves_like_the_diagnosed_robot(folder: Path) -> None:
     values = {("payload", None, k): v for k, v in {"mass": 0.25, "x": 0.05, "y": -0.02, "z": 0.04}.items()}
     document = exported(folder, values)

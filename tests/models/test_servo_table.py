@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from oracles.arms import arm_xml
 
@@ -88,6 +89,23 @@ def test_effects_on_one_number_add_up(tmp_path: Path) -> None:
     assert dry.value == pytest.approx(0.3) and dry.ci95 == pytest.approx((0.25, 0.35))  # 0.03 and 0.04, independent
     assert dry.probability == 0.7
     assert value(found["s1"], "breakaway_friction").value == pytest.approx(0.4)  # 0.1 of the one, 0.3 of the other
+
+
+def test_a_friction_below_zero_comes_off_the_servos_damping(tmp_path: Path) -> None:
+    """A P gain of 1.2 with the damping unchanged; the joint's own damping is 0.1 N m s/rad."""
+    gain = entry("actuator_gain", "s1", gain=(1.2, 1.1, 1.3))
+    friction = entry("viscous_friction", "j1", 0.6, coefficient=(-0.4, -0.48, -0.3))
+    row = rows(tmp_path, [gain, friction])["s1"]
+    servo, joint = value(row, "damping"), value(row, "viscous_friction")
+    assert value(row, "stiffness").value == pytest.approx(36.0)
+    assert (servo.nominal, servo.value) == (1.5, pytest.approx(1.2 * 1.5 - 0.3))
+    assert servo.ci95 == pytest.approx((1.5 - np.hypot(0.15, 0.08), 1.5 + np.hypot(0.15, 0.1)))
+    assert (servo.probability, servo.effects) == (0.6, ("actuator_gain", "viscous_friction"))
+    assert (joint.value, joint.ci95) == (0.0, (0.0, 0.0))
+    alone = rows(tmp_path, [friction])["s1"]
+    assert value(alone, "damping").value == pytest.approx(1.2) and value(alone, "damping").probability == 0.6
+    kept = rows(tmp_path, [entry("viscous_friction", "j1", coefficient=(-0.05, -0.2, 0.1))])["s1"]
+    assert (value(kept, "damping").value, value(kept, "damping").effects) == (1.5, ())
 
 
 def test_what_the_runs_do_not_show_is_said(tmp_path: Path) -> None:

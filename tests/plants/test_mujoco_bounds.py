@@ -94,16 +94,34 @@ def test_friction_is_at_most_what_the_motors_overcome(tmp_path: Path) -> None:
     assert highest(robot_of(tmp_path, held), "coulomb_friction", "torque", "j1") == pytest.approx(5.0)
 
 
+def test_friction_may_take_nearly_all_of_a_servos_damping(tmp_path: Path) -> None:
+    servos = robot_of(tmp_path, arm_xml(SERVOS))  # whose first has a gear of 2
+    assert servos.bounds("viscous_friction", "coefficient", "j1")[0] == pytest.approx(-(0.1 + 0.95 * 1.5 * 2**2))
+    assert servos.bounds("viscous_friction", "coefficient", "j2")[0] == pytest.approx(-(0.05 + 0.95 * 0.8))
+    assert servos.bounds("viscous_friction", "coefficient", None)[0] == pytest.approx(-(0.05 + 0.95 * 0.8))
+    others = robot_of(tmp_path, arm_xml(MIXED))  # a motor, and a servo of the speed
+    assert [others.bounds("viscous_friction", "coefficient", j)[0] for j in ("j1", "j2")] == [-0.1, -0.05]
+
+
 def test_what_is_taken_from_a_retuned_model_leaves_no_negative_friction(tmp_path: Path) -> None:
+    """The joint's own damping is gone, and the rest comes off the servo's."""
     robot = robot_of(tmp_path, arm_xml())
     drive, start = random_drive(robot, 2, 200), random_start(robot, 2)
-    tuned = {("tune", None, "joint.j1.damping"): 0.02, ("tune", None, "joint.j1.armature"): 0.0}
+    tuned = {
+        ("tune", None, "joint.j1.damping"): 0.02,
+        ("tune", None, "joint.j1.armature"): 0.0,
+        ("tune", None, "actuator.j1.kv"): 1.5,
+    }
     below = {("viscous_friction", "j1", "coefficient"): -0.1, ("armature", "j1", "inertia"): -0.005}
-    none = {("tune", None, "joint.j1.damping"): 0.0, ("tune", None, "joint.j1.armature"): 0.0}
+    none = {
+        ("tune", None, "joint.j1.damping"): 0.0,
+        ("tune", None, "joint.j1.armature"): 0.0,
+        ("tune", None, "actuator.j1.kv"): 1.5 - 0.08 / 2**2,
+    }
     found = robot.replay(start, drive, settings_of(robot, tuned | below, none), CHANNELS)
     wanted = robot.replay(start, drive, settings_of(robot, none, none), CHANNELS)
     for channel in CHANNELS:
-        np.testing.assert_array_equal(found[channel][0], wanted[channel][0])
+        np.testing.assert_allclose(found[channel][0], wanted[channel][0], rtol=0, atol=1e-12)
 
 
 def test_settings_of_one_robot_share_their_widest_bounds(tmp_path: Path) -> None:

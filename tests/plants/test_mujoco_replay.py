@@ -125,6 +125,46 @@ def test_a_constant_effect_is_the_model_compiled_with_it(
         agree(came, row, q, v, atol=1e-11)
 
 
+@pytest.mark.parametrize("gain", [1.0, 0.8, 1.3])
+def test_friction_below_zero_is_a_servo_that_damps_less(tmp_path: Path, gain: float) -> None:
+    """By the coefficient, whatever the gain; a servo at its limit does not push, and one that is off neither."""
+    robot = robot_of(tmp_path, arm_xml())
+    drive, start = random_drive(robot, ROWS, STEPS, size=1.5), random_start(robot, ROWS)
+    found = {("viscous_friction", "j1", "coefficient"): -2.1, ("viscous_friction", "j2", "coefficient"): -0.45}
+    weaker = {("actuator_gain", "j1", "gain"): gain, ("actuator_gain", "j2", "gain"): gain}
+    compiled = arm_xml()
+    for old, new in (
+        ('damping="0.1"', 'damping="0"'),
+        ('damping="0.05"', 'damping="0"'),
+        ('kp="30" kv="1.5"', f'kp="{30 * gain}" kv="{1.5 * gain - 2.0 / 2**2}"'),
+        ('kp="20" kv="0.8"', f'kp="{20 * gain}" kv="{0.8 * gain - 0.4}"'),
+    ):
+        assert old in compiled
+        compiled = compiled.replace(old, new)
+    expected = robot_of(tmp_path, compiled)
+    on = np.ones((ROWS, STEPS, 2))
+    on[1, 60:, 0] = 0.0
+    for enabled in (None, on):
+        switched = replace(drive, enabled=enabled)
+        came = robot.replay(start, switched, settings_of(robot, *[found | weaker] * ROWS), CHANNELS)
+        wanted = expected.replay(start, switched, Settings(ROWS), CHANNELS)
+        for channel in CHANNELS:
+            np.testing.assert_allclose(came[channel], wanted[channel], rtol=0, atol=1e-9)
+    forces = expected.replay(start, drive, Settings(ROWS), OUTPUTS)["output.j2"]
+    assert (np.abs(forces) == 3.0).any()  # its limit
+
+
+def test_a_servo_damps_no_less_than_not_at_all(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, arm_xml())
+    drive, start = random_drive(robot, 2, STEPS), random_start(robot, 2)
+    weak = {("actuator_gain", "j2", "gain"): 0.3}
+    least, less = ({**weak, ("viscous_friction", "j2", "coefficient"): c} for c in (-0.05 - 0.3 * 0.8, -0.8))
+    came = robot.replay(start, drive, settings_of(robot, least, less), CHANNELS)
+    wanted = robot.replay(start, drive, settings_of(robot, least, least), CHANNELS)
+    for channel in CHANNELS:
+        np.testing.assert_allclose(came[channel][1], wanted[channel][1], rtol=0, atol=1e-12)
+
+
 def test_a_command_delay_is_a_late_control(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, arm_xml())
     drive, start = random_drive(robot, ROWS, STEPS), random_start(robot, ROWS)

@@ -121,6 +121,8 @@ EFFECTS = [
     {("dead_zone", None, "width"): 0.02},
     {("coulomb_friction", "shoulder_lift", "torque"): 10.0},
     {("viscous_friction", None, "coefficient"): 20.0},
+    {("viscous_friction", "elbow", "coefficient"): -150.0},  # of 400 that its servo has
+    {("viscous_friction", "elbow", "coefficient"): -150.0, ("actuator_gain", "elbow", "gain"): 0.8},
     {("stribeck_friction", "elbow", "static"): 8.0, ("stribeck_friction", "elbow", "kinetic"): 4.0},
     {("load_dependent_friction", None, "coefficient"): 0.2},
     {("load_dependent_friction", None, k): v for k, v in {"coefficient": 0.1, "quadratic": 0.0004}.items()},

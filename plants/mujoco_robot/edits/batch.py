@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from plants.mujoco_robot.edits.damping import edit_damping
 from plants.mujoco_robot.edits.masses import add_point_mass, principal, quat_to_matrix
 from plants.mujoco_robot.edits.surroundings import edit_surroundings
 from plants.mujoco_robot.edits.wheel_sizes import edit_wheels
@@ -41,7 +42,7 @@ def edit_batch(batch: Any, robot: CompiledRobot, settings: Settings) -> None:
         _add(batch.expand("dof_armature"), dofs, rotor)
         changed = True
     if damping is not None:
-        _add(batch.expand("dof_damping"), dofs, damping)
+        edit_damping(batch, robot, effects, damping)
     changed |= _edit_masses(batch, robot, effects)
     if changed:
         batch.set_const()

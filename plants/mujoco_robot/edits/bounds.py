@@ -10,6 +10,7 @@ import numpy as np
 from plants.mujoco_robot.edits.loads import largest_inertias, largest_torques
 from plants.mujoco_robot.edits.reference import reference
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.structure.servo_damping import servo_damping
 from residual_mpc.effects.library import BY_NAME
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ FARTHEST_TOOL = 0.5  # of the reach: a load that is centred farther from its sit
 SHORTEST = 0.1  # m of reach, of a body whose site is at its joint
 KEPT = 0.1  # of a mass, at least, where mass is taken away
 KEPT_ROTOR = 0.05
+KEPT_DAMPING = 0.05  # of a position servo's damping, at least, where friction is taken away
 
 Bounds = tuple[np.ndarray, np.ndarray]
 
@@ -53,7 +55,8 @@ class PhysicalBounds:
             case "dry friction":
                 return -m.dof_frictionloss[dof], self._torques
             case "viscous damping":
-                return -m.dof_damping[dof], np.full(len(dof), np.inf)
+                servos = (1.0 - KEPT_DAMPING) * servo_damping(robot)
+                return -(m.dof_damping[dof] + servos), np.full(len(dof), np.inf)
             case "rotor inertia":
                 return (KEPT_ROTOR - 1.0) * m.dof_armature[dof], self._rotors()
             case "tool mass":

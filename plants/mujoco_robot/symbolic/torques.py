@@ -4,8 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from plants.mujoco_robot.loading.compile import NO_LIMIT
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.structure.servo_damping import share_left
 from plants.mujoco_robot.symbolic.implicit import Torques
 from plants.mujoco_robot.symbolic.numbers import Parameters
 from residual_mpc.effects.chain import Chain, scaled
@@ -65,9 +68,7 @@ class JointTorques:
             whole[j], damping[j], stiffness[j] = whole[j] + law, damping[j] - by_speed, stiffness[j] - by_position
         return Torques(whole, damping, stiffness, self._dry(q, v, u, given, p, clock))
 
-    def forces(
-        self, q: Sequence[Any], v: Sequence[Any], u: Sequence[Any], p: Sequence[Any], clock: Any
-    ) -> list[Any]:
+    def forces(self, q: Sequence[Any], v: Sequence[Any], u: Sequence[Any], p: Sequence[Any], clock: Any) -> list[Any]:
         """(nu,) actuator forces before any force limit."""
         driven = enumerate(self.robot.driven.tolist())
         return [self._force(i, q[joint], v[joint], u[i], p, clock, None)[0] for i, joint in driven]
@@ -101,7 +102,7 @@ class JointTorques:
         """An actuator's force, and minus its derivatives with respect to the rate of its length and its length."""
         model, name = self.robot.model, self.robot.actuators[i]
         gear = float(model.actuator_gear[i, 0])
-        kp, kv = (self.parameters.own(f"actuator.{name}.{k}", p) for k in ("kp", "kv"))
+        kp, kv = self.parameters.own(f"actuator.{name}.kp", p), self._velocity_gain(i, p)
         constant, by_length = float(model.actuator_biasprm[i, 0]), float(model.actuator_biasprm[i, 1])
         spring = -by_length * kp / float(model.actuator_gainprm[i, 0]) if by_length else 0.0
         supply, law = self._strength(name, p, clock)
@@ -168,7 +169,27 @@ class JointTorques:
     def _damping(self, j: int, p: Sequence[Any]) -> Any:
         joint = self.robot.joints[j]
         own = self.parameters.own(f"joint.{joint}.damping", p)
-        return self._never_below_zero(own, changes(self.parameters.at(joint, p, "damping"), "viscous damping"))
+        return self._never_below_zero(own, self._friction(joint, p))
+
+    def _friction(self, joint: str, p: Sequence[Any]) -> Array | None:
+        """The viscous friction that is added to a joint; None without."""
+        return changes(self.parameters.at(joint, p, "damping"), "viscous damping")
+
+    def _velocity_gain(self, i: int, p: Sequence[Any]) -> Any:
+        """An actuator's own, less what a negative friction takes from its servo."""
+        robot, ops, j = self.robot, self.kinks.exact, int(self.robot.driven[i])
+        own = self.parameters.own(f"actuator.{robot.actuators[i]}.kv", p)
+        added = self._friction(robot.joints[j], p)
+        if added is None or not robot.servo[i] or isinstance(own, float) and own <= 0.0:
+            return own
+        taken = ops.maximum(-(self.parameters.own(f"joint.{robot.joints[j]}.damping", p) + added), 0.0)
+        given: Any = 0.0
+        for k in np.flatnonzero(robot.servo & (robot.driven == j)).tolist():
+            gain = self.parameters.own(f"actuator.{robot.actuators[k]}.kv", p)
+            given = given + ops.maximum(gain, 0.0) * float(robot.model.actuator_gear[k, 0]) ** 2
+        here = present(self.parameters.at(robot.actuators[i], p, "strength"), "strength")
+        strength = scaled(ops, [(e, x) for e, x in here if e.steady], 1.0, 0.0, 0.0)
+        return own * share_left(ops, taken, given, strength)
 
     def _never_below_zero(self, own: Array, change: Array | None) -> Array:
         return own if change is None else self.kinks.exact.maximum(own + change, 0.0)
@@ -180,9 +201,7 @@ class JointTorques:
         sent = next((u[i] for i, joint in enumerate(self.robot.driven.tolist()) if joint == j), 0.0)
         return {"position": q[j], "speed": v[j], "command": sent, "load": given[j], "time": clock}
 
-    def _law(
-        self, j: int, signals: dict[str, Any], yields: tuple[Any, Any], p: Sequence[Any]
-    ) -> tuple[Any, Any, Any]:
+    def _law(self, j: int, signals: dict[str, Any], yields: tuple[Any, Any], p: Sequence[Any]) -> tuple[Any, Any, Any]:
         """The torque of the fitted laws on a joint, and its derivatives by speed and position; yields: minus those of
         the actuators' torque."""
         laws = self.parameters.at(self.robot.joints[j], p, "law")
