@@ -58,7 +58,7 @@ def to_urdf(robot: CompiledRobot, settings: Settings, source: Path, folder: Path
     _move_meshes(text, source.resolve().parent, folder.resolve())
     notes = tuple(f"{e}: {BY_NAME[e].in_mjcf}" for e in settings.effects if BY_NAME[e].in_mjcf and not reasons[e])
     if "actuator_biasprm" in new:  # the strengths, which scale it too, are left out
-        notes = (*notes, "viscous friction: the joints' own is gone; lower the servos' damping where they are described")
+        notes = (*notes, "viscous friction: the joints' own is gone; lower the servos' damping where they are set")
     if "dof_solimp" in new:
         notes = (
             *notes,
