@@ -22,13 +22,14 @@ from plants.mujoco_robot.mjcf import to_mjcf
 from plants.mujoco_robot.simulation.replay import replay
 from plants.mujoco_robot.simulation.simulator import CorrectedMujoco
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.structure.ranges import with_ranges
 from plants.mujoco_robot.structure.setpoints import steady_setpoints
 from plants.mujoco_robot.structure.variants import merge
 from plants.mujoco_robot.symbolic.rigid_gripper import gripper_joints
 from plants.mujoco_robot.symbolic.step import arm_step
 from residual_mpc.models.actuator_values import ActuatorValues
 from residual_mpc.models.drawing import Camera, Motion, Size
-from residual_mpc.models.optional import USUAL_PERIOD
+from residual_mpc.models.optional import USUAL_PERIOD, Range
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import Knob, Settings, Values
@@ -48,6 +49,10 @@ class MujocoRobot(CompiledRobot):
     def merged(self, others: "Sequence[MujocoRobot]") -> "MujocoRobot | None":
         """This robot and others as one, whose settings are told apart by Drive.setting; None where that cannot be."""
         return merge((self, *others))
+
+    def with_ranges(self, joints: Mapping[str, Range], commands: Mapping[str, Range]) -> "MujocoRobot":
+        """See residual_mpc.models.optional.Widening."""
+        return with_ranges(self, joints, commands)
 
     @cached_property
     def _bounds(self) -> tuple[PhysicalBounds, ...]:

@@ -11,6 +11,7 @@ from residual_mpc.api.run_models import RunModels
 from residual_mpc.errors import BadInput
 from residual_mpc.files import write_atomically
 from residual_mpc.logs.audit import audit
+from residual_mpc.logs.audit.ranges import passed_ranges
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.mended import mended
 from residual_mpc.logs.readers.read import read_runs as read_tables
@@ -95,9 +96,14 @@ def read_runs(robot: NominalRobot, paths: Paths) -> Runs:
     models = [made.of(run.name) for run in result.runs]
     runs, mends = mended(result.runs, [model.channels for model in models])
     check_columns(runs, models)
+    facts = facts_of(robot.model)
+    passed = passed_ranges(runs, facts)
+    if passed:
+        made = RunModels(robot, passed)
+        models = [made.of(run.name) for run in runs]
     names = [run.name for run in runs]
     sizes = implausible_sizes(robot.file, names)
-    findings = (*sizes, *result.findings, *mends, *audit(runs, facts_of(robot.model)))
+    findings = (*sizes, *result.findings, *mends, *audit(runs, facts))
     noise = noise_over(robot.file, names)
     return Runs(runs, tuple(models), noise, findings, given)
 

@@ -29,6 +29,7 @@ def facts_of(robot: Robot) -> RobotFacts:
         robot.channels,
         optional.sliding(robot),
         optional.limits(robot),
+        optional.clamps(robot),
     )
 
 

@@ -81,6 +81,21 @@ class CommandLimits(Protocol):
 
 
 @runtime_checkable
+class ClampsCommands(Protocol):
+    @property
+    def clamps(self) -> Mapping[str, Range]:
+        """Actuator -> range of its command, actuator units, for actuators whose command the model clips."""
+        ...
+
+
+@runtime_checkable
+class Widening(Protocol):
+    def with_ranges(self, joints: Mapping[str, Range], commands: Mapping[str, Range]) -> Robot:
+        """This robot with other ranges of joints (rad, m) and of commands that it clips (actuator units)."""
+        ...
+
+
+@runtime_checkable
 class Rest(Protocol):
     @property
     def rest(self) -> Mapping[str, float]:
@@ -177,6 +192,17 @@ def command_limits(robot: Robot) -> Mapping[str, Range]:
     """Ranges of commands, actuator units; by default none is known."""
     robot = innermost(robot)
     return robot.command_limits if isinstance(robot, CommandLimits) else {}
+
+
+def clamps(robot: Robot) -> Mapping[str, Range]:
+    """Ranges of the commands that the model clips, actuator units; by default it clips none."""
+    robot = innermost(robot)
+    return robot.clamps if isinstance(robot, ClampsCommands) else {}
+
+
+def with_ranges(robot: Robot, joints: Mapping[str, Range], commands: Mapping[str, Range]) -> Robot:
+    """The robot with other ranges of joints and clipped commands; by default the robot itself."""
+    return robot.with_ranges(joints, commands) if isinstance(robot, Widening) else robot
 
 
 def rest(robot: Robot) -> Mapping[str, float]:

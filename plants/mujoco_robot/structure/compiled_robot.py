@@ -120,13 +120,20 @@ class CompiledRobot:
         }
 
     @cached_property
+    def clamps(self) -> Mapping[str, tuple[float, float]]:
+        """Range of each actuator's command that the model clips."""
+        ranges = zip(self.actuators, self.model.actuator_ctrlrange.tolist(), strict=True)
+        limited = self.model.actuator_ctrllimited.astype(bool).tolist()
+        return {a: (low, high) for (a, (low, high)), clips in zip(ranges, limited, strict=True) if clips}
+
+    @cached_property
     def command_limits(self) -> Mapping[str, tuple[float, float]]:
         """Range of each actuator's command: its own, else of a position servo that of its joint."""
         m, out = self.model, {}
         for i, (name, kind) in enumerate(zip(self.actuators, self.command_kinds, strict=True)):
             joint, gear = self.joints[self.driven[i]], float(m.actuator_gear[i, 0])
-            if m.actuator_ctrllimited[i]:
-                out[name] = (float(m.actuator_ctrlrange[i, 0]), float(m.actuator_ctrlrange[i, 1]))
+            if name in self.clamps:
+                out[name] = self.clamps[name]
             elif kind == POSITION and joint in self.limits:
                 low, high = sorted(gear * x for x in self.limits[joint])
                 out[name] = (low, high)

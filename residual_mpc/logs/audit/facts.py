@@ -35,9 +35,11 @@ class RobotFacts:
         channels: measured columns that the robot's model predicts, such as `position.j1` and `pose.x`.
         sliding: joints that slide (m) and do not turn (rad).
         limits: range of each joint that has one, rad or m.
+        clamps: range of each command that the model clips, its unit.
     """
 
     actuators: tuple[ActuatorFacts, ...]
     channels: tuple[str, ...]
     sliding: frozenset[str] = frozenset()
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    clamps: Mapping[str, tuple[float, float]] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""Single columns: wrapped angles, coarse steps, clipped commands, joints beyond their range."""
+"""Single columns: wrapped angles, coarse steps, clipped commands, angles in degrees."""
 
 from __future__ import annotations
 
@@ -90,20 +90,6 @@ def _beyond_limits(name: str, runs: Sequence[Run], robot: RobotFacts) -> list[Fi
                     f"{name} reaches {far:.4g}, beyond the joint range {low:.4g} to {high:.4g} rad: it is in degrees",
                     "multiply position, velocity and command by pi / 180, or let `residual-mpc init` write corrected "
                     "runs (--mended DIR)",
-                )
-            ]
-        margin = 0.2 * (high - low)
-        outside = np.flatnonzero((run.columns[name] < low - margin) | (run.columns[name] > high + margin))
-        if len(outside) > 0.05 * np.count_nonzero(np.isfinite(run.columns[name])):
-            return [
-                Finding(
-                    "warning",
-                    "beyond the range",
-                    run.name,
-                    name,
-                    int(outside[0]),
-                    f"{name} is {run.columns[name][outside[0]]:.4g}, outside the joint range {low:.4g} to {high:.4g}",
-                    "check the unit, sign and zero of this column",
                 )
             ]
     return []

@@ -18,6 +18,7 @@ def check_optional(robot: Robot) -> None:
     _check_joints(robot)
     _check_ranges("limits", optional.limits(robot), optional.joints(robot))
     _check_ranges("command_limits", optional.command_limits(robot), robot.actuators)
+    _check_ranges("clamps", optional.clamps(robot), robot.actuators)
     _check_rest(robot)
     _check_names("held", optional.held(robot))
     for actuator in optional.held(robot):
@@ -32,6 +33,10 @@ def check_optional(robot: Robot) -> None:
     if longer is not None:
         twice = longer.channels == robot.channels and robot.step is not None and longer.step == 2 * robot.step
         demand(twice, "a longer step is a multiple of the step", f"{longer.step} s", "equal channels, twice the step")
+    if isinstance(robot, optional.Widening):
+        wide = {j: (low - 1.0, high + 1.0) for j, (low, high) in optional.limits(robot).items()}
+        found = dict(optional.limits(robot.with_ranges(wide, {})))
+        demand(found == wide, "with_ranges gives the joints their ranges", repr(found), repr(wide))
     if isinstance(robot, Stepping):
         _check_step(robot, robot, period)
 

@@ -41,7 +41,7 @@ def check_motors(entries: Entries, where: str) -> None:
             raise BadInput(
                 f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing",
                 f"{where}, {place}",
-                f"add {', '.join(f'{key} ({UNITS[key]})' for key in missing)}, or name a servo: servo = \"sts3215\"",
+                f'add {", ".join(f"{key} ({UNITS[key]})" for key in missing)}, or name a servo: servo = "sts3215"',
             )
 
 
