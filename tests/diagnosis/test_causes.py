@@ -74,6 +74,15 @@ def test_a_cause_whose_number_rests_on_its_bound_is_less_sure() -> None:
     assert gain.value == SPACE.bounds(GAIN)[1] and gain.note
 
 
+def test_so_is_one_whose_number_rests_beside_it() -> None:
+    """Where its interval ends at the bound; farther inside it does not count."""
+    bound = SPACE.bounds(GAIN)[1]
+    for value, share in ((bound - 0.01 * (bound - 1.0), TUNED.causes.resting), (0.9 * bound, 1.0)):
+        causes = found({SCALE: 1.2, GAIN: value})
+        assert causes[GAIN.term].probability == pytest.approx(share * causes[SCALE.term].probability)
+        assert bool(causes[GAIN.term].parameters[0].note) == (share < 1.0)
+
+
 def test_a_cause_that_may_do_nothing_is_less_sure() -> None:
     """Where the interval of its size contains none; how it acts (the heading of a slope) has no such value."""
     causes = found({SCALE: 1.2, GAIN: 1.0, RATE: 0.1, HEADING: 0.0})

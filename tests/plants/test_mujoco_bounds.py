@@ -94,11 +94,11 @@ def test_friction_is_at_most_what_the_motors_overcome(tmp_path: Path) -> None:
     assert highest(robot_of(tmp_path, held), "coulomb_friction", "torque", "j1") == pytest.approx(5.0)
 
 
-def test_friction_may_take_nearly_all_of_a_servos_damping(tmp_path: Path) -> None:
+def test_friction_may_take_all_of_the_damping_of_a_strong_servo(tmp_path: Path) -> None:
     servos = robot_of(tmp_path, arm_xml(SERVOS))  # whose first has a gear of 2
-    assert servos.bounds("viscous_friction", "coefficient", "j1")[0] == pytest.approx(-(0.1 + 0.95 * 1.5 * 2**2))
-    assert servos.bounds("viscous_friction", "coefficient", "j2")[0] == pytest.approx(-(0.05 + 0.95 * 0.8))
-    assert servos.bounds("viscous_friction", "coefficient", None)[0] == pytest.approx(-(0.05 + 0.95 * 0.8))
+    assert servos.bounds("viscous_friction", "coefficient", "j1")[0] == pytest.approx(-(0.1 + 5.0 * 1.5 * 2**2))
+    assert servos.bounds("viscous_friction", "coefficient", "j2")[0] == pytest.approx(-(0.05 + 5.0 * 0.8))
+    assert servos.bounds("viscous_friction", "coefficient", None)[0] == pytest.approx(-(0.05 + 5.0 * 0.8))
     others = robot_of(tmp_path, arm_xml(MIXED))  # a motor, and a servo of the speed
     assert [others.bounds("viscous_friction", "coefficient", j)[0] for j in ("j1", "j2")] == [-0.1, -0.05]
 

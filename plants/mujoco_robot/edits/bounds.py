@@ -26,7 +26,7 @@ FARTHEST_TOOL = 0.5  # of the reach: a load that is centred farther from its sit
 SHORTEST = 0.1  # m of reach, of a body whose site is at its joint
 KEPT = 0.1  # of a mass, at least, where mass is taken away
 KEPT_ROTOR = 0.05
-KEPT_DAMPING = 0.05  # of a position servo's damping, at least, where friction is taken away
+STRONGEST = 5.0  # times the model's, to which the gain of a servo may scale its damping
 
 Bounds = tuple[np.ndarray, np.ndarray]
 
@@ -55,8 +55,8 @@ class PhysicalBounds:
             case "dry friction":
                 return -m.dof_frictionloss[dof], self._torques
             case "viscous damping":
-                servos = (1.0 - KEPT_DAMPING) * servo_damping(robot)
-                return -(m.dof_damping[dof] + servos), np.full(len(dof), np.inf)
+                # a stronger servo damps more, which friction may take away; none of it leaves less than no damping
+                return -(m.dof_damping[dof] + STRONGEST * servo_damping(robot)), np.full(len(dof), np.inf)
             case "rotor inertia":
                 return (KEPT_ROTOR - 1.0) * m.dof_armature[dof], self._rotors()
             case "tool mass":

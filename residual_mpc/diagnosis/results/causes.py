@@ -218,7 +218,18 @@ def _estimate(
         float(max(min([min([value, *others]) - half, *ends, *aside]), min(low, value))),
         float(min(max([max([value, *others]) + half, *ends, *aside]), max(high, value))),
     )
-    return Estimate(knob.parameter, value, interval, unit, _note(bool(final.held[i]), apart))
+    rests = bool(final.held[i]) or _rests(space, knob, value, interval, settings)
+    return Estimate(knob.parameter, value, interval, unit, _note(rests, apart))
+
+
+def _rests(space: Space, knob: Knob, value: float, interval: tuple[float, float], settings: ResultSettings) -> bool:
+    """Whether a number came to rest next to a bound, at which its interval ends: the cause may lie beyond."""
+    null = space.null(knob)
+    return any(
+        abs(value - end) <= settings.causes.beside * abs(end - null) and end in interval
+        for end in space.bounds(knob)
+        if np.isfinite(end) and np.isfinite(null)
+    )
 
 
 def _order(final: Fit, knob: Knob, settings: ResultSettings) -> float:

@@ -22,7 +22,8 @@ class CauseSettings:
     which more is left than they can tell, down to the factor least_sure; useful: the share of a constant-velocity
     forecast's squared gap below which the probability falls in proportion to what the explained model removes of it,
     down to that factor. coarse: the most where the model's time step may be the cause. resting: factor on an effect
-    with a number that rests on the bound of what is tried, or that may do nothing by its intervals. doubtful:
+    with a number that rests on the bound of what is tried, or that may do nothing by its intervals; beside: share of
+    the way from doing nothing to a bound within which a number rests on it where its interval ends there. doubtful:
     factor on an effect's probability below which the other numbers' intervals do without it too. apart: half-widths
     beyond which an interval is that wide since two fits end apart. fewest_runs: from which their disagreement widens
     intervals; agree: how often runs that agree do so too; contributing: share of the runs that a number has to depend
@@ -38,6 +39,7 @@ class CauseSettings:
     useful: float = 0.5
     coarse: float = 0.5
     resting: float = 0.5
+    beside: float = 0.02
     doubtful: float = 0.75
     apart: float = 2.5
     fewest_runs: int = 4
@@ -46,7 +48,7 @@ class CauseSettings:
 
     def __post_init__(self) -> None:
         check_share(self, "form", "law", "order", "most_sure", "most_partial", "shadow", "least_sure", "useful",
-                    "coarse", "resting", "doubtful", "agree", "contributing")  # fmt: skip
+                    "coarse", "resting", "beside", "doubtful", "agree", "contributing")  # fmt: skip
         check_positive(self, "apart", "fewest_runs")
 
 
