@@ -18,6 +18,7 @@ from plants.mujoco_robot.edits.reference import reference
 from plants.mujoco_robot.exports.actuators import actuator_values, not_of_actuators
 from plants.mujoco_robot.exports.sysid import to_sysid
 from plants.mujoco_robot.exports.urdf import compare_urdf, to_urdf
+from plants.mujoco_robot.loading.contacts import overlaps, without_contacts
 from plants.mujoco_robot.mjcf import to_mjcf
 from plants.mujoco_robot.simulation.replay import replay
 from plants.mujoco_robot.simulation.simulator import CorrectedMujoco
@@ -53,6 +54,14 @@ class MujocoRobot(CompiledRobot):
     def with_ranges(self, joints: Mapping[str, Range], commands: Mapping[str, Range]) -> "MujocoRobot":
         """See residual_mpc.models.optional.Widening."""
         return with_ranges(self, joints, commands)
+
+    def overlaps(self, positions: Mapping[str, np.ndarray]) -> dict[tuple[str, str], np.ndarray]:
+        """See residual_mpc.models.optional.Touching."""
+        return overlaps(self, positions)
+
+    def without_contacts(self, pairs: Sequence[tuple[str, str]]) -> "MujocoRobot":
+        """See residual_mpc.models.optional.Touching."""
+        return without_contacts(self, pairs)
 
     @cached_property
     def _bounds(self) -> tuple[PhysicalBounds, ...]:

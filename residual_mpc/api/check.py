@@ -24,6 +24,7 @@ from residual_mpc.logs.run import Run
 from residual_mpc.logs.signals import fresh_samples
 from residual_mpc.models.facts import check_columns, facts_of
 from residual_mpc.models.protocol import Robot
+from residual_mpc.models.refuted import refuted_by
 from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.wheel_sizes import implausible_sizes
 from residual_mpc.report.words.numbers import count
@@ -111,6 +112,7 @@ def _examine(robot: NominalRobot, paths: Sequence[str]) -> tuple[tuple[Run, ...]
         except BadInput as fault:
             findings.append(_fault("columns", run.name, fault))
     if fitting:
+        findings += [overlap.finding() for overlap in refuted_by(robot.model, fitting).overlaps]
         findings += audit(fitting, facts_of(robot.model))
     return read, findings
 

@@ -23,10 +23,9 @@ from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.search.measured_commands import not_commanded
 from residual_mpc.errors import BadInput
 from residual_mpc.files import write_atomically, write_json
-from residual_mpc.logs.audit.ranges import passed_ranges
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.run import Run
-from residual_mpc.models.facts import facts_of
+from residual_mpc.models.refuted import refuted_by
 from residual_mpc.models.robot_file import measured_over, noise_over
 from residual_mpc.report.comparison import comparison_lines, comparison_page, comparison_sentence
 
@@ -127,7 +126,7 @@ def compare(
     for runs, option in ((before, "--before"), (after, "--after")):
         _long_enough(runs, option, horizon, settings.contrast.unit)
     names = (*before.names, *after.names)
-    made = RunModels(robot, passed_ranges((*before.runs, *after.runs), facts_of(robot.model)))
+    made = RunModels(robot, refuted_by(robot.model, (*before.runs, *after.runs)))
     options = Options(
         horizon=horizon,
         only=possible_effects(only, "--only", (*before.models, *after.models)),

@@ -11,13 +11,13 @@ from residual_mpc.api.run_models import RunModels
 from residual_mpc.errors import BadInput
 from residual_mpc.files import write_atomically
 from residual_mpc.logs.audit import audit
-from residual_mpc.logs.audit.ranges import passed_ranges
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.mended import mended
 from residual_mpc.logs.readers.read import read_runs as read_tables
 from residual_mpc.logs.run import Run
 from residual_mpc.models.facts import check_columns, facts_of
 from residual_mpc.models.protocol import Robot
+from residual_mpc.models.refuted import NOTHING, refuted_by
 from residual_mpc.models.robot_file import noise_over
 from residual_mpc.models.wheel_sizes import implausible_sizes
 from residual_mpc.report.words.numbers import count
@@ -96,14 +96,14 @@ def read_runs(robot: NominalRobot, paths: Paths) -> Runs:
     models = [made.of(run.name) for run in result.runs]
     runs, mends = mended(result.runs, [model.channels for model in models])
     check_columns(runs, models)
-    facts = facts_of(robot.model)
-    passed = passed_ranges(runs, facts)
-    if passed:
-        made = RunModels(robot, passed)
+    refuted = refuted_by(robot.model, runs)
+    if refuted != NOTHING:
+        made = RunModels(robot, refuted)
         models = [made.of(run.name) for run in runs]
     names = [run.name for run in runs]
     sizes = implausible_sizes(robot.file, names)
-    findings = (*sizes, *result.findings, *mends, *audit(runs, facts))
+    shapes = [overlap.finding() for overlap in refuted.overlaps]
+    findings = (*sizes, *result.findings, *mends, *shapes, *audit(runs, facts_of(robot.model)))
     noise = noise_over(robot.file, names)
     return Runs(runs, tuple(models), noise, findings, given)
 

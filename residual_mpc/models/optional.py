@@ -9,7 +9,7 @@ Each optional member is declared by a protocol of its own and read by the functi
 of pictures in `drawing`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -92,6 +92,18 @@ class ClampsCommands(Protocol):
 class Widening(Protocol):
     def with_ranges(self, joints: Mapping[str, Range], commands: Mapping[str, Range]) -> Robot:
         """This robot with other ranges of joints (rad, m) and of commands that it clips (actuator units)."""
+        ...
+
+
+@runtime_checkable
+class Touching(Protocol):
+    def overlaps(self, positions: Mapping[str, np.ndarray]) -> Mapping[tuple[str, str], np.ndarray]:
+        """(rows,) m by which the shapes of two bodies that may touch overlap at positions (rows,) of joints, rad or m;
+        what does not move is the empty name."""
+        ...
+
+    def without_contacts(self, pairs: Sequence[tuple[str, str]]) -> Robot:
+        """This robot without contact between these bodies."""
         ...
 
 
@@ -203,6 +215,16 @@ def clamps(robot: Robot) -> Mapping[str, Range]:
 def with_ranges(robot: Robot, joints: Mapping[str, Range], commands: Mapping[str, Range]) -> Robot:
     """The robot with other ranges of joints and clipped commands; by default the robot itself."""
     return robot.with_ranges(joints, commands) if isinstance(robot, Widening) else robot
+
+
+def overlaps(robot: Robot, positions: Mapping[str, np.ndarray]) -> Mapping[tuple[str, str], np.ndarray]:
+    """Depths (rows,) m to which shapes of the robot overlap at positions (rows,) of joints; by default it has none."""
+    return robot.overlaps(positions) if isinstance(robot, Touching) else {}
+
+
+def without_contacts(robot: Robot, pairs: Sequence[tuple[str, str]]) -> Robot:
+    """The robot without contact between these bodies; by default the robot itself."""
+    return robot.without_contacts(pairs) if isinstance(robot, Touching) else robot
 
 
 def rest(robot: Robot) -> Mapping[str, float]:
