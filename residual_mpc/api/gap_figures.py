@@ -8,7 +8,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.constant_velocity import constant_velocity
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
-from residual_mpc.diagnosis.data.gap import Scales, gap_of, measure_scales, per_window
+from residual_mpc.diagnosis.data.gap import Scales, gap_of, measure_scales, per_window, still_channels
 from residual_mpc.diagnosis.data.hold_out import KeptBack, held_out_mask
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise
 from residual_mpc.diagnosis.data.outliers import find_outliers
@@ -144,7 +144,7 @@ def _figures(
         "constant_velocity": steady,
         "horizon": data.horizon,
         "windows": data.count,
-        "still": [c for c, s, k in zip(data.channels, scales.still, scales.compared, strict=True) if s and k],
+        "still": list(still_channels(data, scales)),
         "window_gaps": windows,
         "channels": {
             c: {

@@ -11,7 +11,7 @@ from residual_mpc.comparison.settings import ComparisonSettings, ContrastSetting
 from residual_mpc.comparison.space import ChangeSpace, change_space
 from residual_mpc.comparison.units import Units, averaged, build_units
 from residual_mpc.diagnosis.data.dataset import Dataset, joined
-from residual_mpc.diagnosis.data.gap import Scales
+from residual_mpc.diagnosis.data.gap import Scales, measure_scales, still_channels
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.channel_weights import weighed_by_residuals
 from residual_mpc.diagnosis.options import Options
@@ -65,7 +65,9 @@ def windows_for(
 def space_for(given: ComparisonInput, sets: TwoSets) -> ChangeSpace:
     """The changes that these runs of this robot could show. Raises BadInput where there are none."""
     options = given.options
-    whole = build_space(sets.clean, given.tunable, options.only, options.without, options.without_because)
+    asked = (options.only, options.without, options.without_because)
+    still = still_channels(sets.clean, measure_scales(sets.clean))
+    whole = build_space(sets.clean, given.tunable, *asked, still)
     if not whole.candidates:
         raise BadInput(
             "no effect is left that these runs of this robot could show to have changed",

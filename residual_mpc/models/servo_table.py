@@ -202,8 +202,9 @@ def _value(
     if all(reason is not None for reason in reasons):
         why = next(str(reason["why"]) for reason in reasons if reason is not None)
         return ServoValue(number.name, unit, nominal, base, None, None, NOT_TESTABLE, why)
-    status = NOT_NAMED if base == nominal else RETUNED
-    return ServoValue(number.name, unit, nominal, base, None, max(chances, default=None), status)
+    if base != nominal:  # its value says what the runs show; no effect on top of it is named
+        return ServoValue(number.name, unit, nominal, base, None, None, RETUNED)
+    return ServoValue(number.name, unit, nominal, base, None, max(chances, default=None), NOT_NAMED)
 
 
 def _combined(

@@ -177,6 +177,19 @@ def test_twins_make_a_group_and_share_the_probability() -> None:
     assert found.shares[BOTH] == pytest.approx(0.5, abs=0.05)
 
 
+def test_so_do_those_whose_fits_differ() -> None:
+    """What no run can tell apart is no likelier for a fit of many numbers that has come nearer to its end."""
+    late, seen = Term("command_delay", None), Term("sensor_delay", None)
+    found = found_of({"command_delay": {"delay": 0.05}}, {Knob(*late[:2], "delay"): 0.05}, (late.effect, seen.effect))
+    settings = SearchSettings()
+    strict = replace(settings, steps=replace(settings.steps, alike=1e-9))
+    for twins in (True, False):
+        space = replace(found.problem.space, twins=found.problem.space.twins if twins else ())
+        rivalry = find_rivals(replace(found, problem=replace(found.problem, space=space)), settings=strict)
+        assert bool(rivalry.groups) == twins
+        assert not twins or rivalry.shares[late] == pytest.approx(rivalry.shares[seen])
+
+
 def test_what_differs_by_less_than_the_time_steps_error_makes_a_group(monkeypatch: pytest.MonkeyPatch) -> None:
     delay, lag = Term("command_delay", None), Term("actuator_lag", None)
     late = (

@@ -9,8 +9,11 @@ import pytest
 from oracles.arms import MIXED, SERVOS, arm_xml, robot_of
 
 from plants.mujoco_robot import MujocoRobot
-from residual_mpc.diagnosis.predict.space import Space
+from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.data.gap import measure_scales, still_channels
+from residual_mpc.diagnosis.predict.space import Space, build_space
 from residual_mpc.effects.library import LIBRARY
+from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob
 
 
@@ -31,3 +34,17 @@ def test_viscous_friction_is_at_most_what_the_motor_overcomes_at_the_runs_speed(
     both = space_of(robot_of(tmp_path, arm_xml(motor)), (0.5, 2.0))
     assert both.bounds(Knob("viscous_friction", None, "coefficient"))[1] == pytest.approx(9.0 / 2.0)
     assert both.bounds(Knob("viscous_friction", "j1", "coefficient")) == pytest.approx((-0.1, 6.0 / 0.5))
+
+
+def test_what_is_tunable_at_a_joint_that_stands_still_keeps_its_value(tmp_path: Path) -> None:
+    """Nothing in the runs shows another, and a fit would leave it anywhere."""
+    t = 0.02 * np.arange(400)
+    columns = {
+        f"{what}.j{k}": (np.sin(t + k) if k == 1 else 0.0 * t) for what in ("command", "position") for k in (1, 2)
+    }
+    data = build_dataset([Run("r", t, columns)], [robot_of(tmp_path, arm_xml(SERVOS))], {})
+    still = still_channels(data, measure_scales(data))
+    assert still == ("position.j2",)
+    free = [k.parameter for k in build_space(data, ("actuator.*.kp", "joint.*.damping"), still=still).tunables]
+    assert free == ["joint.j1.damping", "actuator.j1.kp"]
+    assert len(build_space(data, ("actuator.*.kp", "joint.*.damping")).tunables) == 4

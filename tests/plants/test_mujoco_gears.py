@@ -190,6 +190,22 @@ def test_stiffer_and_tighter_gears_come_near_to_none(tmp_path: Path, actuators: 
         assert off[0] > 2 * off[1] > 2 * off[2] and off[2] < near, (effect, off)
 
 
+@pytest.mark.parametrize(
+    "default",
+    ['<joint limited="true"/>', '<joint stiffness="3" margin="0.01"/>', '<tendon stiffness="5" damping="2"/>'],
+)
+def test_a_gear_takes_nothing_from_the_models_defaults(tmp_path: Path, default: str) -> None:
+    """A joint that has to have a range has none between motor and link; a hard gear is as good as none."""
+    xml = arm_xml().replace("<default>", f"<default>{default}")
+    robot = robot_of(tmp_path, xml.replace('name="j1" axis', 'name="j1" range="-170 170" axis'))
+    drive, start = random_drive(robot, 2, 100), random_start(robot, 2)
+    hard = {("joint_compliance", j, "stiffness"): 1e6 for j in ("j1", "j2")}
+    came = robot.replay(start, drive, settings_of(robot, hard, hard), CHANNELS)
+    wanted = robot.replay(start, drive, settings_of(robot, {}, {}), CHANNELS)
+    for channel in ("position.j1", "position.j2"):
+        np.testing.assert_allclose(came[channel], wanted[channel], atol=0.01)
+
+
 def test_a_joints_range_holds_its_link(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, arm_xml().replace('range="-90 90"', 'range="-20 20"'))
     drive, start = random_drive(robot, 1, 200), {c: np.zeros(1) for c in CHANNELS}

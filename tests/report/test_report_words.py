@@ -298,6 +298,8 @@ def test_no_gain_on_held_out_runs_is_said():
          "gap at 1 s: 0.12 (noise floor 0.02), 1 window"),
         ({"horizon": 30.0, "nominal": 0.12, "model": 0.03, "noise_floor": 0.0213, "held_out": False}, True,
          "gap at 30 s: 0.12 -> 0.03 (noise floor 0.021), not held out"),
+        ({"horizon": 1.0, "nominal": 0.18, "before": 0.12, "after": 0.03, "noise_floor": 0.02}, True,
+         "gap at 1 s: 0.18, retuned 0.12 -> 0.03 (noise floor 0.02)"),
         ({"horizon": 1.0, "nominal": 0.12, "model": None, "noise_floor": 0.02}, True,
          "gap at 1 s: 0.12 (noise floor 0.02)"),
     ],

@@ -72,7 +72,8 @@ def _split(robot: CompiledRobot, joints: tuple[str, ...]) -> CompiledRobot:
     for name, inertia in zip(joints, rotor.tolist(), strict=True):
         motor = spec.joint(name)
         motor.armature = inertia
-        behind = motor.parent.add_joint(name=_behind(name), type=motor.type, axis=motor.axis, pos=motor.pos)
+        free = {"limited": False, "actfrclimited": False}  # whatever the model's defaults give to every joint
+        behind = motor.parent.add_joint(name=_behind(name), type=motor.type, axis=motor.axis, pos=motor.pos, **free)
         if motor.frame is not None:
             behind.set_frame(motor.frame)
         spring = spec.add_tendon(name=_behind(name), springlength=(0.0, 0.0), limited=False)
@@ -103,7 +104,7 @@ def _split(robot: CompiledRobot, joints: tuple[str, ...]) -> CompiledRobot:
         link,
         FINER if coarse else 1,
     )
-    _bare(model, gears)
+    _bare(model, gears, plain.ntendon)
     return replace(robot, model=model, gears=gears, spec=None)
 
 
@@ -115,12 +116,14 @@ def _link(joint: str) -> str:
     return f"{joint} at its link"
 
 
-def _bare(model: "mujoco.MjModel", gears: Gears) -> None:
-    """Take from the added joints what the model's defaults give to every joint."""
+def _bare(model: "mujoco.MjModel", gears: Gears, tendons: int) -> None:
+    """Take from the added joints, and the tendons after the model's own, what the defaults give to every one."""
     for field in ("dof_damping", "dof_dampingpoly", "dof_armature", "dof_frictionloss"):
         getattr(model, field)[gears.dofs] = 0.0
     for field in ("jnt_stiffness", "jnt_stiffnesspoly", "jnt_margin"):
         getattr(model, field)[gears.numbers] = 0.0
+    for field in ("tendon_stiffness", "tendon_damping", "tendon_frictionloss", "tendon_armature"):
+        getattr(model, field)[tendons:] = 0.0
     model.jnt_actfrclimited[gears.numbers] = 0
     model.jnt_limited[gears.numbers] = 1
     model.jnt_range[gears.numbers] = (-FAR, FAR)

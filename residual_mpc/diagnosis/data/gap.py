@@ -29,6 +29,12 @@ class Scales:
         return np.where(self.still, np.inf, self.s)
 
 
+def still_channels(data: Dataset, scales: Scales) -> tuple[str, ...]:
+    """The channels that are compared and hardly move."""
+    resting = scales.still & scales.compared
+    return tuple(c for c, still in zip(data.channels, resting, strict=True) if still)
+
+
 @dataclass(frozen=True)
 class Gap:
     """total and channels (C,) are unitless; a channel that is still or not compared holds NaN."""

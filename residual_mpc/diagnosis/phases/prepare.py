@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
-from residual_mpc.diagnosis.data.gap import Scales, measure_scales, per_window
+from residual_mpc.diagnosis.data.gap import Scales, measure_scales, per_window, still_channels
 from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held_out_mask
 from residual_mpc.diagnosis.data.outliers import Outliers, find_outliers
 from residual_mpc.diagnosis.data.settings import DataSettings
@@ -95,7 +95,8 @@ def prepare(given: DiagnosisInput, rng: np.random.Generator, progress: Progress)
     past = settings.data.unknown_past
     unknown = runs_with_unknown_past(raw, past)
     free = after_unknown_past(raw, ~held, unknown, past)
-    space = build_space(clean.take(free), given.tunable, options.only, options.without, options.without_because)
+    asked = (options.only, options.without, options.without_because)
+    space = build_space(clean.take(free), given.tunable, *asked, still_channels(raw, scales))
     wanted = (options.horizon, *longer_horizons(raw.runs, options.horizon, settings=settings.predict))
     looks = (
         windows_over(runs, robots, noise, h, shorter, kept, outliers.flagged, unknown, settings=settings.predict)

@@ -2,7 +2,7 @@
 
 import fnmatch
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import zip_longest
 from types import MappingProxyType
@@ -252,10 +252,12 @@ def build_space(
     only: Sequence[str] = (),
     without: Sequence[str] = (),
     because: Mapping[Term, str] = NOTHING,
+    still: Collection[str] = (),
 ) -> Space:
     """Every effect-target pair that the robot of the first block can have, with references measured on the runs.
 
-    because: terms that are ruled out beforehand, and why.
+    because: terms that are ruled out beforehand, and why. still: channels in which the runs hardly move; what is
+    tunable at such a joint keeps its nominal value, since nothing shows another.
     """
     robot = data.blocks[0].robot
     slots = Targets(robot)
@@ -276,10 +278,17 @@ def build_space(
     references = measure_references(data)
     ruled_out |= {t: why for t in candidates if (why := _uncovered(t, slots[t.effect], robot, references))}
     candidates = tuple(t for t in candidates if t not in ruled_out)
-    free = tuple(
-        Knob(TUNE, None, name) for name in robot.nominal() if any(fnmatch.fnmatchcase(name, p) for p in tunable)
-    )
+    named = (name for name in robot.nominal() if any(fnmatch.fnmatchcase(name, p) for p in tunable))
+    held = _numbers_of_still(robot, still)
+    free = tuple(Knob(TUNE, None, name) for name in named if not name.startswith(held))
     return Space(robot, slots, candidates, free, references, ruled_out, twins=_twins(data))
+
+
+def _numbers_of_still(robot: Robot, still: Collection[str]) -> tuple[str, ...]:
+    """How the names of nominal numbers begin that belong to joints that stand still, or to their actuators."""
+    driven = zip(robot.actuators, optional.actuator_joints(robot), strict=True)
+    resting = [j for j in optional.joints(robot) if f"position.{j}" in still]
+    return (*(f"joint.{j}." for j in resting), *(f"actuator.{a}." for a, j in driven if j in resting))
 
 
 def _twins(data: Dataset) -> tuple[frozenset[Term], ...]:

@@ -69,9 +69,9 @@ def find_rivals(
         here = _replacements(found.problem, fit, places.pop(), found.phi, settings=settings)
         here = with_gaps_seen(found, fit, here, settings=settings)
         same = too_close(found.problem, found.ruler, fit, here, settings=settings)
-        # twins are equally likely: their likelihoods differ because each rounds the delay to time steps in its own way.
-        # One that fits far better still takes the place: the other rests in a poorer minimum
-        twins = [r.alike and r.ratio >= tuned.better and are_twins(found.problem, r) for r in here]
+        # twins are equally likely: their likelihoods differ because each rounds the delay to time steps in its own way,
+        # or because a fit of many numbers has not come to its end. One that fits far better still takes the place
+        twins = [r.ratio >= tuned.better and are_twins(found.problem, r) for r in here]
         blocks = blocks_of(found.problem.data, settings=settings.fit)
         simple = [is_its_simple_case(fit, r, blocks, settings) for r in here]
         begun = [r.ratio >= tuned.better and _begun_otherwise(fit, r) for r in here]

@@ -34,8 +34,9 @@ def horizon_line(gap: Gap, explained: bool) -> str:
     arrow = "" if last is None else f" -> {number(last)}"
     windows = f", {count(gap['windows'], 'window')}" if gap.get("windows") else ""
     seen = ", not held out" if gap.get("held_out") is False else ""
-    floor = number(gap["noise_floor"], 2)
-    return f"gap at {number(gap['horizon'])} s: {number(first_of(gap))}{arrow} (noise floor {floor}){windows}{seen}"
+    floor, first = number(gap["noise_floor"], 2), number(first_of(gap))
+    retuned = "" if number(gap.get("nominal", first_of(gap))) == first else f"{number(gap['nominal'])}, retuned "
+    return f"gap at {number(gap['horizon'])} s: {retuned}{first}{arrow} (noise floor {floor}){windows}{seen}"
 
 
 def window_gaps(gap: Gap, last: bool) -> Mapping[str, float] | None:
