@@ -37,6 +37,8 @@ class Phrase:
             return self.everyone or EVERYONE[kind]
         if target in WHEELS and not self.someone:
             return WHEELS[target]
+        if not self.someone and target.lower().startswith(TARGETS[kind].format("").strip()):
+            return target  # a joint called "joint2"
         return (self.someone or TARGETS[kind]).format(WHEELS.get(target, target))
 
 

@@ -72,6 +72,7 @@ def setup_from_model(robot: Robot, limits: Mapping[str, tuple[float, float]]) ->
 
     Raises BadInput for an actuator with neither, and for one that the robot lacks.
     """
+    _check_limits(robot, limits)
     known = {**optional.command_limits(robot), **limits}
     missing = [a for a in robot.actuators if a not in known]
     if missing:
@@ -79,7 +80,6 @@ def setup_from_model(robot: Robot, limits: Mapping[str, tuple[float, float]]) ->
             f"no command limits are known for {', '.join(missing)}", robot.name,
             "set them with " + " ".join(f"--limit {a}=LOW:HIGH" for a in missing),
         )  # fmt: skip
-    _check_limits(robot, limits)
     low, high, home = _ranges(robot, known)
     start = dict.fromkeys((s.position for s in robot.states), 0.0)
     joints = optional.actuator_joints(robot)

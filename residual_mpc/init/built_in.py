@@ -46,12 +46,14 @@ def draft_built_in(name: str, paths: Sequence[str | Path]) -> Draft:
         guesses += [] if guess is None else [guess]
     nominal = model.nominal()
     if set(WHEELS) <= set(nominal) and not any(g.what.startswith("command.") for g in guesses):
-        guesses += [Guess(k, known[k], "a body velocity, which the wheels' geometry turns into wheel speeds", 0.9)
-                    for k in BODY if set(BODY) <= set(known)]  # fmt: skip
+        sent = known if set(BODY) <= set(known) else _body_velocity(words)
+        guesses += [Guess(k, sent[k], "a body velocity, which the wheels' geometry turns into wheel speeds", 0.9)
+                    for k in BODY if set(BODY) <= set(sent)]  # fmt: skip
     if not any(g.what.startswith("pose.") for g in guesses):
         taken = {g.value for g in guesses}
         found, _ = find_pose({n: w for n, w in words.items() if n not in taken}, signals)
-        guesses += [g for g in found.guesses if g.what in wanted and g.what not in {h.what for h in guesses}]
+        new = [g for g in found.guesses if g.what in wanted or g.what.startswith("pose.q")]
+        guesses += [g for g in new if g.what not in {h.what for h in guesses}]
     roles = {g.what: g.value for g in guesses}
     _refuse_empty(name, roles, signals.names, str(recordings[0].source))
     held = Roles(roles, tuple(guesses))
@@ -79,6 +81,17 @@ def draft_built_in(name: str, paths: Sequence[str | Path]) -> Draft:
         tuple(dict.fromkeys(note for r in recordings for note in r.notes)),
         parameters,
     )
+
+
+def _body_velocity(words: Mapping[str, ColumnName]) -> dict[str, str]:
+    """The forward speed and the yaw rate of a command such as ROS's cmd_vel, by their columns' names."""
+    found: dict[str, str] = {}
+    for key, motion, axis in zip(BODY, ("linear", "angular"), ("x", "z"), strict=True):
+        said = {n: set(w.every) for n, w in words.items() if w.commanded and motion in w.every}
+        named = [n for n, every in said.items() if axis in every or not every & {"x", "y", "z"}]
+        if named:
+            found[key] = named[0]
+    return found
 
 
 def _column(key: str, signals: Signals, words: Mapping[str, ColumnName], known: Mapping[str, str]) -> Guess | None:
@@ -258,6 +271,7 @@ def _refuse_empty(name: str, roles: Mapping[str, str], columns: Sequence[str], w
 
 def _missing(wanted: Sequence[str], roles: Mapping[str, str]) -> tuple[Unmatched, ...]:
     driven = set(BODY) <= set(roles)
-    absent = [key for key in wanted if key not in roles and not (driven and group(key) == "command")]
+    turned = "pose.theta" if "pose.qw" in roles else ""
+    absent = [k for k in wanted if k not in roles and k != turned and not (driven and group(k) == "command")]
     why = {"command": "no column matches, but every actuator needs a command", "pose": "no column matches"}
     return tuple(Unmatched(key, why[kind]) for key in absent if (kind := group(key)) in why)

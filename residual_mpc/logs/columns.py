@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable
 
 PLANAR = ("x", "y", "theta")
+QUATERNION = ("qx", "qy", "qz", "qw")  # of a pose, from which its theta is computed
 PER_ACTUATOR = ("command", "enabled")
 PER_JOINT = ("position", "velocity", "effort")
 PER_BODY = ("pose", "twist")
@@ -21,7 +22,7 @@ def group(name: str) -> str | None:
     head, dot, tail = name.partition(".")
     if not dot or not tail or head not in GROUPS:
         return None
-    if head in PER_BODY and tail not in PLANAR:
+    if head in PER_BODY and tail not in PLANAR and not (head == "pose" and tail in QUATERNION):
         return None
     return head
 

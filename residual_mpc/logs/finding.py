@@ -8,6 +8,12 @@ from typing import Literal
 Severity = Literal["info", "warning", "error"]
 
 
+def rows_were(number: int, said: str = "") -> str:
+    """ "1 row was", "3 rows were"; said: between the two."""
+    between = f" {said}" if said else ""
+    return f"{number} row{between} was" if number == 1 else f"{number} rows{between} were"
+
+
 @dataclass(frozen=True)
 class Finding:
     """One thing worth knowing about a run before anything is fitted to it.

@@ -176,7 +176,8 @@ def test_a_motion_that_no_size_makes_safe_is_marked(tmp_path: Path, capsys: pyte
     ("arguments", "words"),
     [
         ((), "no command limits are known for left, right"),
-        (("--limit", "left=-1:1", "--limit", "arm=0:1"), "no command limits are known for right"),
+        (("--limit", "left=-1:1", "--limit", "arm=0:1"), "unknown actuator 'arm'"),
+        (("--limit", "left=-1:1"), "no command limits are known for right"),
         (("--limit", "left=1:-1"), "the lower limit must be below"),
         (("--limit", "left=-1:1", "--limit", "right=-inf:inf"), "right must be two finite numbers"),
         (("--limit", "left=-1:1", "--limit", "right=-1:1", "--limit", "arm=0:1"), "unknown actuator 'arm'"),

@@ -10,7 +10,9 @@ import pytest
 from oracles.rover_euler import TRACK_WIDTH, WHEEL_RADIUS
 from oracles.rover_log import rover_run
 
+import residual_mpc as rm
 from residual_mpc.init.built_in import draft_built_in
+from residual_mpc.init.draft_text import robot_file_text
 
 NAMES = {
     "command.left": "wl_set", "command.right": "wr_set", "velocity.left": "wl_enc", "velocity.right": "wr_enc",
@@ -67,3 +69,48 @@ def test_the_motion_hints_at_the_geometry_and_does_not_set_it(tmp_path: Path, la
         hint = float(guess.why.split("about ")[1].split(" m)")[0])
         assert hint == pytest.approx(value, rel=0.2) and guess.sure == 0.1
         assert found.parameters[name] == float(guess.value)
+
+
+ROS = {
+    "command.linear": "/cmd_vel/linear/x", "command.angular": "/cmd_vel/angular/z",
+    "pose.x": "/odom/pose/pose/position/x", "pose.y": "/odom/pose/pose/position/y",
+    "pose.qx": "/odom/pose/pose/orientation/x", "pose.qy": "/odom/pose/pose/orientation/y",
+    "pose.qz": "/odom/pose/pose/orientation/z", "pose.qw": "/odom/pose/pose/orientation/w",
+    "velocity.left": "/joint_states/wheel_left_joint/velocity",
+    "velocity.right": "/joint_states/wheel_right_joint/velocity",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("dots", [False, True])
+def test_topics_of_ros_in_one_table(tmp_path: Path, dots: bool) -> None:
+    """As a plotting tool exports them: each topic has rows of its own, the command is a body velocity, and the heading
+    a quaternion; an IMU has another one."""
+    run = rover_run("one", {}, 20.0, seed=1)
+    left, right = run.columns["command.left"], run.columns["command.right"]
+    columns = {c: run.columns[c] for c in ("pose.x", "pose.y")}
+    columns |= {f"velocity.{side}": run.columns[f"command.{side}"] for side in ("left", "right")}
+    columns["command.linear"] = 0.5 * WHEEL_RADIUS * (left + right)
+    columns["command.angular"] = WHEEL_RADIUS * (right - left) / TRACK_WIDTH
+    half = 0.5 * run.columns["pose.theta"]
+    columns |= {"pose.qx": 0.0 * half, "pose.qy": 0.0 * half, "pose.qz": np.sin(half), "pose.qw": np.cos(half)}
+    names = {
+        key: n.replace("/linear", ".linear").replace("/angular", ".angular") if dots else n for key, n in ROS.items()
+    }
+    table = pd.DataFrame({names[key]: columns[key] for key in ROS})
+    for axis, q in zip("xyzw", ("pose.qx", "pose.qy", "pose.qw", "pose.qz"), strict=True):
+        table[f"/imu/data/orientation/{axis}"] = columns[q]
+    table.insert(0, "__time", 1764313000.0 + run.t)
+    sent = table.copy()
+    sent["__time"] += 0.004
+    measured = [c for c in table if c not in (names["command.linear"], names["command.angular"], "__time")]
+    sent[measured] = np.nan
+    table[[names["command.linear"], names["command.angular"]]] = np.nan
+    pd.concat([table, sent]).sort_values("__time").to_csv(tmp_path / "one.csv", index=False)
+    found = draft_built_in("diff_drive", [tmp_path / "one.csv"])
+    assert {g.what: g.value for g in found.guesses if g.what in ROS} == names
+    assert "pose.theta" not in [m.name for m in found.missing]
+    (tmp_path / "robot.toml").write_text(robot_file_text(found, tmp_path))
+    (read,) = rm.read_runs(rm.load_robot(tmp_path / "robot.toml"), tmp_path / "one.csv").runs
+    heading = read.columns["pose.theta"][np.isfinite(read.columns["pose.theta"])]
+    np.testing.assert_allclose(np.unwrap(heading), np.unwrap(2.0 * half)[-len(heading) :], atol=1e-6)
+    assert np.isfinite(read.columns["command.left"]).any()

@@ -7,7 +7,7 @@ import pytest
 from fabricated_diagnosis import document
 
 from residual_mpc.effects.effect import STAGES
-from residual_mpc.effects.library import LIBRARY
+from residual_mpc.effects.library import BY_NAME, LIBRARY
 from residual_mpc.report.words.effects import name, remarks, sentence_of, sizes_words, stage, variation_clause
 from residual_mpc.report.words.gaps import few_windows, horizon_line, warnings
 from residual_mpc.report.words.groups import group_sentence, member_names, or_else
@@ -483,3 +483,14 @@ def test_a_yaw_rate_that_is_the_same_in_all_turns_is_no_slip(values: list[float]
     law = {"effect": "fitted_law", "target": "yaw", "of": "rate", "on": "the turning rate", "unit": "rad/s",
            "form": "curve", "values": values, "parameters": {}}  # fmt: skip
     assert like in law_sentence(law)
+
+
+def test_a_rest_of_which_nothing_can_be_told_is_said_to_be_in_several_channels():
+    remainder = document("partial")["remainder"]
+    untold = remainder | {"components": [c | {"share": None} for c in remainder["components"]]}
+    assert "mainly in several channels" in rest_sentence(untold)
+
+
+@pytest.mark.parametrize(("target", "said"), [("elbow", "joint elbow"), ("joint2", "joint2"), ("Joint_3", "Joint_3")])
+def test_a_joint_that_is_called_one_is_not_called_one_twice(target, said):
+    assert BY_NAME["viscous_friction"].phrase.who(target, "joint") == said

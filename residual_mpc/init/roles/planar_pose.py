@@ -20,7 +20,8 @@ HEADINGS = frozenset("theta yaw heading psi phi".split())
 MOTIONS = frozenset("twist vel velocity linear angular imu gyro rate".split())
 IN_ITS_FRAME = "is in the robot's frame by ROS convention; the log format needs the world frame"
 SMALL_UNITS = {"mm": 1e-3, "cm": 1e-2}  # m
-QUATERNION = "the log format needs the heading; from a quaternion it is 2 * atan2(z, w) on level ground"
+QUATERNION = "the heading is known already"
+TURN, PARTS = frozenset("orientation quaternion quat".split()), ("x", "y", "z", "w")
 
 
 def find_pose(words: Mapping[str, ColumnName], signals: Signals) -> tuple[Roles, dict[str, str]]:
@@ -40,7 +41,27 @@ def find_pose(words: Mapping[str, ColumnName], signals: Signals) -> tuple[Roles,
         rivals = tuple(n for s, n in choices[1:] if s > best - 0.5)
         columns[role] = name
         guesses.append(Guess(role, name, "its name", 0.5 if rivals else 0.9, rivals))
-    return Roles(columns, tuple(guesses)), left
+    if "pose.theta" not in columns and "pose.x" in columns:
+        turned = _quaternion(words, signals, columns["pose.x"])
+        columns |= {g.what: g.value for g in turned}
+        guesses += turned
+    return Roles(columns, tuple(guesses)), {n: why for n, why in left.items() if n not in columns.values()}
+
+
+def _quaternion(words: Mapping[str, ColumnName], signals: Signals, place: str) -> list[Guess]:
+    """The four columns of an orientation, of the topic that names the place where there are several; empty without."""
+    found: dict[tuple[str, ...], dict[str, str]] = {}
+    for name, said in words.items():
+        head, axis = said.every[:-1], said.every[-1:]
+        if set(axis) & set(PARTS) and TURN & set(head) and not said.commanded:
+            found.setdefault(head, {})[axis[0]] = name
+    whole = {head: parts for head, parts in found.items() if set(parts) == set(PARTS) and signals.moves(parts["z"])}
+    if not whole:
+        return []
+    near = words[place].every
+    best = max(whole, key=lambda h: sum(w in near for w in h) - 0.1 * len(h))
+    why = "a part of an orientation, from which the heading is computed"
+    return [Guess(f"pose.q{a}", whole[best][a], why, 0.9 if len(whole) == 1 else 0.7) for a in PARTS]
 
 
 def heading_in_degrees(signals: Signals, roles: Roles) -> tuple[LogCorrection, ...]:
@@ -78,7 +99,7 @@ def _role(words: ColumnName) -> tuple[str | None, float, str]:
     every = set(words.every)
     if words.commanded or words.quantity in ("other", "enabled", "effort", "acceleration"):
         return None, 0.0, ""
-    if {"orientation", "quaternion", "quat"} & every and {"x", "y", "z", "w"} & every:
+    if TURN & every and set(PARTS) & every:
         return None, 0.0, QUATERNION
     if {"linear", "vx", "vy"} & every:
         return None, 0.0, IN_ITS_FRAME

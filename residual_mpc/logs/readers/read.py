@@ -11,11 +11,12 @@ import numpy as np
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.clock import Stamps, count_from_start
 from residual_mpc.logs.columns import PER_ACTUATOR, PER_BODY, PER_JOINT, group, is_measured, likely_run, likely_time
-from residual_mpc.logs.finding import Finding
+from residual_mpc.logs.finding import Finding, Severity, rows_were
 from residual_mpc.logs.readers.body_velocity import as_wheel_speeds
 from residual_mpc.logs.readers.find import find_tables
 from residual_mpc.logs.readers.headers import read_headers
 from residual_mpc.logs.readers.layout import ColumnNames, Layout, check_log, lay_out, recognised, worth_reading
+from residual_mpc.logs.readers.orientation import as_heading
 from residual_mpc.logs.readers.pieces import Piece, pieces_of, unique_names
 from residual_mpc.logs.readers.remarks import gathered, remarks_on_columns
 from residual_mpc.logs.readers.stamps import CLASHES, Order, order_rows
@@ -24,6 +25,7 @@ from residual_mpc.logs.run import FloatArray, Run
 
 CHOICE = "several topics"  # the kind of remark on a choice that [log] has to make
 MEMORY_LIMIT = 2 << 30  # bytes of numbers in one call
+BRIEF = 1.0  # s without a command, up to which nobody has to look
 
 
 @dataclass(frozen=True)
@@ -109,22 +111,16 @@ def _read_run(
         for key, column in layout.columns.items()
         if group(key) is not None
     }
-    columns = as_wheel_speeds(columns, wheels)
+    columns = as_wheel_speeds(as_heading(columns), wheels)
     _check_clashes(layout, piece, order, where)
     _check_values(columns, layout, where, open_choices)
     extra_columns = {key: order.apply(piece.cells[key][piece.rows]) for key in layout.extra if key in piece.cells}
     start = _first_command(columns)
     if start:
-        findings.append(
-            Finding(
-                "warning",
-                "no command yet",
-                name,
-                "",
-                0,
-                f"{start} rows ({order.t[start] - order.t[0]:.3g} s) before the first command were dropped",
-            )
-        )
+        seconds = float(order.t[start] - order.t[0])
+        severity: Severity = "warning" if seconds > BRIEF else "info"
+        text = f"{rows_were(start, f'before the first command ({seconds:.2g} s)')} dropped"
+        findings.append(Finding(severity, "no command yet", name, "", 0, text))
     if start > len(order.t) - 2:
         what = "fewer than two rows remain after every actuator has received a command"
         raise BadInput(what, where, "leave the run out")

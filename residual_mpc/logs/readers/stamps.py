@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.clock import Stamps
+from residual_mpc.logs.finding import rows_were
 from residual_mpc.logs.run import FloatArray
 
 DISORDER = 0.01  # share of rows out of order up to which they are sorted
@@ -65,7 +66,7 @@ def order_rows(stamps: Stamps, where: str, apart: str = "a column 'run'", joined
     warnings = []
     if len(rows) < len(stamps.t):
         missing = len(stamps.t) - len(rows)
-        warnings.append(("missing stamps", f"{missing} rows without a time stamp were dropped"))
+        warnings.append(("missing stamps", f"{rows_were(missing, 'without a time stamp')} dropped"))
     t = stamps.t[rows]
     if len(np.unique(t)) < 2:
         raise BadInput(
@@ -76,11 +77,11 @@ def order_rows(stamps: Stamps, where: str, apart: str = "a column 'run'", joined
     late = _out_of_order(t)
     if late.size:
         t, rows = _sorted(stamps, rows, late, where, apart)
-        warnings.append(("stamps out of order", f"{late.size} rows were out of order and were sorted"))
+        warnings.append(("stamps out of order", f"{rows_were(late.size)} out of order, and all are sorted now"))
     first = np.flatnonzero(np.diff(t, prepend=-np.inf) > 0.0)
     if len(first) < len(t):
         repeated = len(t) - len(first)
-        message = f"{repeated} rows repeat the previous time stamp and were merged with the row before"
+        message = f"{rows_were(repeated, 'with the previous time stamp')} merged with the row before"
         warnings.append(("repeated stamps", message))
     t = t[first]
     if not joined:

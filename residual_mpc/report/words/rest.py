@@ -112,6 +112,7 @@ def form_of(dependence: Mapping[str, Any]) -> str:
 
 
 def _components(components: Sequence[Mapping[str, Any]]) -> str:
+    components = [c for c in components if c["share"] is not None]  # of a run too short to tell
     named = [c for c in components if c["share"] >= PART] or list(components[:1])
     if len(named) > 3 or sum(c["share"] for c in named) < 0.5:
         return "several channels"
