@@ -38,8 +38,9 @@ CURVE = 200  # points of the learning's course that are kept
 CASES = ("sim-to-dyn", "real-to-dyn", "real-to-sim")
 NOTE = (
     "A memoryless network cannot learn effects that depend on more than the current motion and command: dead time, "
-    "backlash, slow drift and sensor effects. A diagnosis identifies these: learn on top of it with --on."
+    "backlash, slow drift and sensor effects."
 )
+BELOW = " A diagnosis identifies these: learn on top of it with --on."
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +236,7 @@ def _document(made: TrainingResult, task: Task, history: Sequence[tuple[float, f
         "turned_over": turned_over(task.runs, made.learned.inputs, optional.sliding(task.robots[0])),
         "seconds": made.seconds,
         "history": [[float(f"{x:.4g}") for x in history[k]] for k in _few(len(history))],
-        "note": NOTE,
+        "note": NOTE if task.values else NOTE + BELOW,
     }
 
 

@@ -36,6 +36,8 @@ def stand_ins(problem: Problem, rest: Fit, fit: Fit, gone: tuple[Term, ...], set
         starts += [{**rest.values, **(lead.closing or lead.start)} for lead in imitators]
         starts += _as_pair(problem, rest, fit, gone[0], candidates)
         starts += _as_late(problem, rest, fit, gone[0], candidates)
+    elif _on_single_targets(problem, gone):
+        starts += _of_the_robot(problem, rest, candidates, settings=settings)
     elif (word := interchangeable(gone)) is not None:
         rims = [c for c in candidates if BY_NAME[c.effect].interchangeable == word and c not in gone]
         for i, a in enumerate(rims):
@@ -76,6 +78,23 @@ def _on_all(
     found = [{k.parameter: v for k, v in fit.values.items() if k.term == t} for t in gone]
     middle = {Knob(all_alike.effect, None, name): float(np.median([f[name] for f in found])) for name in found[0]}
     return [_with(problem, rest, middle)]
+
+
+def _on_single_targets(problem: Problem, gone: tuple[Term, ...]) -> bool:
+    """Whether these are one effect on several targets that cannot act on all alike, such as masses of links."""
+    effects = {t.effect for t in gone}
+    return len(gone) > 1 and len(effects) == 1 and not BY_NAME[gone[0].effect].null_target
+
+
+def _of_the_robot(problem: Problem, rest: Fit, candidates: tuple[Term, ...], settings: SearchSettings) -> list[Values]:
+    """What acts on the robot or on all its targets alike and resembles what is missing most: the masses of two links
+    may stand for a payload, constant torques at two joints for a tilted base."""
+    leads = glance(problem, rest, tuple(c for c in candidates if c.target is None), settings=settings)
+    best: dict[Term, ScreenedTerm] = {}
+    for lead in sorted(leads, key=lambda lead: -lead.gap):
+        best.setdefault(lead.term, lead)
+    near = [lead for lead in best.values() if lead.gap > 0.0][: settings.rivals.looked_at]
+    return [{**rest.values, **(lead.closing or lead.start)} for lead in near]
 
 
 def _as_pair(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tuple[Term, ...]) -> list[Values]:
