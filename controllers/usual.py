@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from controllers.settings import Limits, MpcSettings, Soft, Weights
+from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented
 
 JOINT, TOOL = 0.02, 0.005  # rad (m for a prismatic joint) and m: errors that cost 1
@@ -21,19 +22,27 @@ PUSH = 100.0  # linear penalty of a force of twice the servo's limit; the quadra
 
 def usual_settings(model: Augmented, fastest: float | None = None) -> MpcSettings:
     """Weights from the range of each command, hard limits on commands and rates, and soft limits on joint positions and
-    servo forces. For a robot that drives, those of the small rover, with limits and weights of commands scaled up where
-    its fastest wheel on the reference, `fastest` (rad/s), leaves less than a third of the rover's range.
+    servo forces, as far as the step states them. For a robot that drives, those of the small rover, with limits and
+    weights of commands scaled up where its fastest wheel on the reference, `fastest` (rad/s), leaves less than a third
+    of the rover's range.
+
+    Raises BadInput for a step that does not state the range of each command.
     """
     at = model.stepped
     if not at.rates:
         return MpcSettings() if fastest is None else _scaled(MpcSettings(), fastest)
+    if len(at.reach) != len(at.commands):
+        raise BadInput(
+            f"the step of {model.robot.name!r} has the range of {len(at.reach)} of its {len(at.commands)} commands",
+            model.robot.name, "state `reach`, a pair (lowest, highest) for each, in its Stepped, or give the settings",
+        )  # fmt: skip
     low, high = (np.array(side) for side in zip(*at.reach, strict=True))
     kinds, width = model.robot.command_kinds, np.ptp(np.array(at.reach), axis=1)
     typical = [CHANGE[k] * (1.0 if k == "position" else w) for k, w in zip(kinds, width.tolist(), strict=True)]
     rate = [SPEED if k == "position" else w / SWEEP for k, w in zip(kinds, width.tolist(), strict=True)]
     soft = tuple(
         Soft(c, x + MARGIN, y - MARGIN, PRICE)
-        for c, (x, y) in zip(at.poses, at.spans, strict=True)
+        for c, (x, y) in zip(at.poses, at.spans or [(-np.inf, np.inf)] * len(at.poses), strict=True)
         if y - x < 2.0 * np.pi - 1e-9 and y - x > 4.0 * MARGIN
     )
     soft += tuple(

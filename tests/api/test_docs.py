@@ -173,7 +173,9 @@ def test_own_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copy(HOUSE / "tests" / "contracts" / "cart_plant.py", tmp_path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
-    assert run("your-own-model.md")["my_robot"].actuators == ("motor",)
+    made = run("your-own-model.md")
+    assert made["my_robot"].actuators == ("motor",)
+    assert made["x"][0] == pytest.approx(0.3, abs=1e-3)  # in spite of the dead time
 
 
 def test_own_effect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from residual_mpc.effects.actuator import gain_step
-from residual_mpc.effects.chain import command_chain
+from residual_mpc.effects.chain import chain_of, command_chain
+from residual_mpc.effects.library import BY_NAME
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.models.protocol import Drive, State
 from residual_mpc.models.robot_file import RobotFile
-from residual_mpc.models.settings import Settings
+from residual_mpc.models.settings import TUNE, Settings
+from residual_mpc.models.stepping import Number, StepOptions, Stepped
+
+ON_COMMANDS = ("command_delay", "actuator_gain")
+SPEED = 0.5  # m/s, the largest command
 
 
 @dataclass(frozen=True)
@@ -29,7 +35,7 @@ class Cart:
     step: float | None = None
 
     def slots(self, effect: str) -> tuple[str, ...]:
-        if effect in ("command_delay", "actuator_gain"):
+        if effect in ON_COMMANDS:
             return self.actuators
         return {"sensor_bias": ("position.rail",), "sensor_outliers": (self.name,)}.get(effect, ())
 
@@ -61,6 +67,38 @@ class Cart:
             x[:, k + 1] = x[:, k] + drive.dt * u[:, k] + tau * (1.0 - keep) * (v[:, k] - u[:, k])
         output = np.concatenate([u[:, :1], u], axis=1)
         return {c: {"position.rail": x, "velocity.rail": v}.get(c, output) for c in wanted}
+
+    def one_step(self, settings: Settings, options: StepOptions) -> Stepped:
+        """The same equations for one step of any length, for controllers and exports; optional."""
+        dt, poses = options.dt, ("position.rail", "velocity.rail")
+        hosted = {e: p for e, p in settings.effects.items() if e in ON_COMMANDS}
+        chain = chain_of(hosted, ("command", "strength"), self.actuators, dt)
+        tau = float(settings.tuned.get("time_constant", np.array([self.time_constant]))[0])
+        numbers = [Number(TUNE, "", "time_constant", tau, "s")]
+        numbers += [Number(e, "motor", q.name, float(p[q.name][0, 0]), q.unit)
+                    for e, p in hosted.items() for q in BY_NAME[e].parameters]  # fmt: skip
+        at = {(n.effect, n.parameter): i for i, n in enumerate(numbers)}
+        states = (*poses, *chain.states)  # a delay line remembers commands
+
+        def values(p: Sequence[Any]) -> Any:
+            return lambda effect, target: {q.name: p[at[effect, q.name]] for q in BY_NAME[effect].parameters}
+
+        def step(kinks: Any, x: Sequence[Any], u: Sequence[Any], p: Sequence[Any], correction: Any) -> tuple[Any, ...]:
+            now, new = dict(zip(states, x, strict=True)), {}
+            sent = chain(kinks, "motor", u[0], values(p), now, new)
+            lag = p[at[TUNE, "time_constant"]]
+            keep = kinks.exact.exp(-dt / lag)
+            away = now["velocity.rail"] - sent
+            new["position.rail"] = now["position.rail"] + dt * sent + lag * (1.0 - keep) * away
+            new["velocity.rail"] = sent + keep * away
+            return tuple(new[name] for name in states)
+
+        still = chain.resting({"motor": 0.0}, values([n.value for n in numbers]))
+        return Stepped(
+            dt, states, poses[:1], ("m", "m/s", *("m/s" for _ in chain.states)), self.actuators, tuple(numbers), (),
+            np.array([still.get(name, 0.0) for name in states]), step, rates=poses[1:], reach=((-SPEED, SPEED),),
+            left_out=tuple(f"{e}: an effect of a sensor" for e in settings.effects if e not in hosted),
+        )  # fmt: skip
 
 
 def make(robot: RobotFile) -> Cart:

@@ -6,10 +6,18 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from cart_plant import Cart
+
+from controllers.usual import usual_settings
+from residual_mpc.errors import BadInput
+from residual_mpc.export import Build, augment
+from residual_mpc.models.protocol import Drive
+from residual_mpc.models.settings import Knob, Settings
 
 HERE = Path(__file__).resolve().parent
 GAIN, TAU, NOISE = 0.8, 0.1, 0.001  # the true cart's gain; s; m
@@ -72,3 +80,29 @@ def test_its_cause_is_found(folder: Path) -> None:
     assert cause["parameters"]["gain"]["value"] == pytest.approx(GAIN, abs=0.02)
     measured = run(folder, "gap", "--model", "out/model.json", "--held-out-of", "out/diagnosis.json")
     assert measured["model"] == pytest.approx(document["gap"]["after"], rel=1e-9)
+
+
+def test_its_step_is_the_replay() -> None:
+    """With effects, at the start of each of the replay's steps."""
+    cart, dt, steps = Cart("cart", 0.1), 0.05, 60
+    settings = Settings(
+        1, {"command_delay": {"delay": np.array([[0.1]])}, "actuator_gain": {"gain": np.array([[0.8]])}}
+    )
+    u = 0.5 * np.sin(0.3 * np.arange(steps))
+    model = augment(
+        cart, {Knob("command_delay", None, "delay"): 0.1, Knob("actuator_gain", None, "gain"): 0.8}, None, Build(dt)
+    )
+    drive = Drive(dt, 10, np.concatenate([np.zeros(10), u])[None, :, None], None, np.zeros(1))
+    start = {"position.rail": np.array([0.2]), "velocity.rail": np.zeros(1)}
+    expected = cart.replay(start, drive, settings, ("position.rail", "velocity.rail"))
+    x = model.start({"position.rail": 0.2})
+    for k in range(steps):
+        x = model.numpy_step(x, u[k : k + 1])
+        assert x[:2] == pytest.approx([expected[c][0, k + 1] for c in ("position.rail", "velocity.rail")], abs=1e-12)
+
+
+def test_a_step_without_the_range_of_its_command_has_no_usual_controller() -> None:
+    model = augment(Cart("cart", 0.1), {}, None, Build(0.05))
+    unknown = replace(model, stepped=replace(model.stepped, reach=()))
+    with pytest.raises(BadInput, match="the range of 0 of its 1 commands"):
+        usual_settings(unknown)
