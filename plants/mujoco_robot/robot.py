@@ -26,7 +26,7 @@ from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from plants.mujoco_robot.structure.ranges import with_ranges
 from plants.mujoco_robot.structure.setpoints import steady_setpoints
 from plants.mujoco_robot.structure.variants import merge
-from plants.mujoco_robot.symbolic.rigid_gripper import gripper_joints
+from plants.mujoco_robot.symbolic.rigid_joints import rigid_joints
 from plants.mujoco_robot.symbolic.step import arm_step
 from residual_mpc.models.actuator_values import ActuatorValues
 from residual_mpc.models.drawing import Camera, Motion, Size
@@ -176,7 +176,7 @@ class SteppingMujoco(MujocoRobot):
     def disturbed(self) -> tuple[str, ...]:
         if self.base is not None:
             return BODY
-        rigid = gripper_joints(self)
+        rigid = rigid_joints(self)
         return tuple(f"torque.{j}" for j in self.joints if j not in rigid)
 
     def one_step(self, settings: Settings, options: StepOptions) -> Stepped:

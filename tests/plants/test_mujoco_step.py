@@ -12,6 +12,8 @@ from oracles.arms import FILTERED, MIXED, arm_xml, robot_of, settings_of
 from oracles.own_arms import CROOKED, UR5E, panda
 from published.robots import panda_mjcf
 
+from controllers.mpc import build_mpc
+from controllers.usual import usual_settings
 from plants.mujoco_robot.simulation.constants import corrected_constants
 from plants.mujoco_robot.symbolic.description import Changes, describe
 from plants.mujoco_robot.symbolic.implicit import factorised, solved
@@ -103,6 +105,26 @@ def test_a_gripper_that_nobody_commands_is_rigid_in_the_step(tmp_path: Path) -> 
     assert f"joints finger_joint1, finger_joint2: {fixed}" in model.stepped.left_out
     assert moving_apart(model, np.random.default_rng(0)) < 8e-3
     check_robot(robot_of(tmp_path, panda_mjcf()), np.random.default_rng(0), size=0.1)
+
+
+def test_a_held_joint_is_rigid_in_the_step(tmp_path: Path) -> None:
+    """A controller that tracked it would throw the others about; without effects and with one on each joint."""
+    for values in ({}, {("coulomb_friction", "j1", "torque"): 0.2, ("coulomb_friction", "j2", "torque"): 0.1}):
+        robot = robot_of(tmp_path, arm_xml(), held=("j2",))
+        model = augment(robot, {Knob(*k): v for k, v in values.items()}, None, Build(DT))
+        assert model.stepped.states[:2] == ("position.j1", "velocity.j1") and model.stepped.commands == ("j1",)
+        assert "joint j2: fixed in the step, at the model's reference configuration (qpos0)" in model.stepped.left_out
+        assert moving_apart(model, np.random.default_rng(0)) < 2e-3
+
+
+def test_the_usual_controller_of_a_robot_with_a_held_joint_tracks_the_others(tmp_path: Path) -> None:
+    model = augment(robot_of(tmp_path, arm_xml(), held=("j2",)), {}, None, Build(DT))
+    mpc = build_mpc(model, usual_settings(model))
+    x, state = model.start({"position.j1": 0.0}), mpc.init()
+    for _ in range(80):
+        command, state, _ = mpc.step(state, x, np.full((mpc.horizon, 1), 0.3))
+        x = model.numpy_step(x, command)
+    assert x[0] == pytest.approx(0.3, abs=5e-3)
 
 
 def test_a_coupling_of_a_driven_joint_is_refused(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from plants.mujoco_robot.symbolic.integrals import Integrals
 from plants.mujoco_robot.symbolic.motion import forces, motion, tool
 from plants.mujoco_robot.symbolic.numbers import Parameters, parameters, unit_of
 from plants.mujoco_robot.symbolic.ranges import home, reach, span, strength
-from plants.mujoco_robot.symbolic.rigid_gripper import with_rigid_gripper
+from plants.mujoco_robot.symbolic.rigid_joints import with_rigid_joints
 from plants.mujoco_robot.symbolic.supported import left_out, refuse_without_step
 from residual_mpc.effects.chain import Chain, chain_of
 from residual_mpc.effects.laws import reads_clock
@@ -205,7 +205,7 @@ def arm_step(robot: CompiledRobot, settings: Settings, options: StepOptions, tas
 
     Raises BadInput for a robot that the step cannot express, settings of several rows, or an unknown signal.
     """
-    robot, settings, rigid = with_rigid_gripper(robot, settings)
+    robot, settings, rigid = with_rigid_joints(robot, settings)
     refuse_without_step(robot)
     if settings.rows != 1:
         raise BadInput(f"a step needs settings with one row, got {settings.rows}", robot.name)

@@ -1,5 +1,6 @@
-"""A gripper made rigid for the step in CasADi, which has no couplings: joints that no command moves, on a tendon or
-coupled to each other, are fixed at the model's reference configuration."""
+"""Joints that are rigid in the CasADi step, which has no couplings: those of a gripper that no command moves, on a
+tendon or coupled to each other, and those that are held. They are fixed at the model's reference configuration. Controllers
+would track a held joint that stayed in the step, and cannot move it."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -7,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plants.mujoco_robot.loading.compile import prepared
+from plants.mujoco_robot.loading.held import HOLDS
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.models.settings import Settings
 
@@ -14,23 +16,30 @@ if TYPE_CHECKING:
     import mujoco
 
 
-def gripper_joints(robot: CompiledRobot) -> tuple[str, ...]:
-    """The joints that are coupled to others or held by a tendon; none where one of them has a motor, or where something
-    else than joints is coupled."""
+def rigid_joints(robot: CompiledRobot) -> tuple[str, ...]:
+    """The joints that are held, and those that are coupled to others or on a tendon; none of the latter where one of
+    them has a motor, or where something else than joints is coupled."""
     model = robot.model
+    coupled = _gripper(model)
+    loose = set() if coupled else _coupled(model)  # they stay, with what couples them
+    held = {int(n) for n, dof in zip(robot.numbers, robot.dofs, strict=True) if model.dof_armature[dof] >= HOLDS}
+    return tuple(model.joint(j).name for j in sorted(coupled | (held - loose)))
+
+
+def _gripper(model: "mujoco.MjModel") -> set[int]:
+    """Numbers of the coupled joints, where no motor moves them."""
     coupled = _coupled(model)
-    if not coupled or coupled & set(model.actuator_trnid[:, 0].tolist()):
-        return ()
-    return tuple(model.joint(j).name for j in sorted(coupled))
+    return set() if coupled & set(model.actuator_trnid[:, 0].tolist()) else coupled
 
 
-def with_rigid_gripper(robot: CompiledRobot, settings: Settings) -> tuple[CompiledRobot, Settings, tuple[str, ...]]:
+def with_rigid_joints(robot: CompiledRobot, settings: Settings) -> tuple[CompiledRobot, Settings, tuple[str, ...]]:
     """The robot without these joints, its settings, and what that leaves out, in sentences."""
-    names = gripper_joints(robot)
+    names = rigid_joints(robot)
     if not names or robot.spec is None:
         return robot, settings, ()
     spec = robot.spec.copy()
-    for element in (*spec.equalities, *spec.tendons, *spec.keys, *_sensors_on(spec, names)):
+    coupling = (*spec.equalities, *spec.tendons) if _gripper(robot.model) else ()
+    for element in (*coupling, *spec.keys, *_sensors_on(spec, names)):
         spec.delete(element)
     for name in names:
         spec.delete(spec.joint(name))
