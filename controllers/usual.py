@@ -8,8 +8,10 @@ import numpy as np
 from controllers.settings import Limits, MpcSettings, Soft, Weights
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented
+from residual_mpc.models import optional
 
 JOINT, TOOL = 0.02, 0.005  # rad (m for a prismatic joint) and m: errors that cost 1
+HELD = 100.0  # rad or m: likewise of a joint that is held, which no command moves
 SPEED = 2.0  # rad/s (m/s), rate limit of a position servo's command
 SWEEP = 0.2  # s, in which the command of a motor or a velocity servo may cross its range
 CHANGE = {"position": 0.05, "velocity": 0.1, "torque": 0.05}  # change per sample that costs 1: rad; shares of the range
@@ -50,7 +52,8 @@ def usual_settings(model: Augmented, fastest: float | None = None) -> MpcSetting
         for a, kind, most in zip(at.commands, kinds, at.strengths or (np.inf,) * len(kinds), strict=True)
         if kind != "torque" and np.isfinite(most)
     )
-    error = (TOOL,) * len(at.outputs) if at.outputs else (JOINT,) * len(at.poses)
+    resting = {f"position.{name}" for name in optional.held(model.robot)}
+    error = (TOOL,) * len(at.outputs) if at.outputs else tuple(HELD if c in resting else JOINT for c in at.poses)
     return MpcSettings(
         weights=Weights(error, tuple((FAINT * width).tolist()), tuple(typical)),
         limits=Limits(tuple(low.tolist()), tuple(high.tolist()), tuple(rate), soft),

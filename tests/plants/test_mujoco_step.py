@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 from oracles.arms import FILTERED, MIXED, arm_xml, robot_of, settings_of
 from oracles.own_arms import CROOKED, UR5E, panda
+from oracles.urdfs import arm_urdf
 from published.robots import panda_mjcf
 
 from controllers.mpc import build_mpc
 from controllers.usual import usual_settings
+from plants.mujoco_robot import build
 from plants.mujoco_robot.simulation.constants import corrected_constants
 from plants.mujoco_robot.symbolic.description import Changes, describe
 from plants.mujoco_robot.symbolic.implicit import factorised, solved
@@ -27,7 +29,9 @@ from residual_mpc.export.moving import moving_apart
 from residual_mpc.learning.forms.joint import JointForm
 from residual_mpc.learning.network.mlp import Mlp, initial_weights
 from residual_mpc.learning.network.residual import Residual
+from residual_mpc.models.actuators import Actuator
 from residual_mpc.models.contract import check_robot
+from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import Knob
 
 DT = 0.02
@@ -117,12 +121,23 @@ def test_a_held_joint_is_rigid_in_the_step(tmp_path: Path) -> None:
         assert moving_apart(model, np.random.default_rng(0)) < 2e-3
 
 
-def test_the_usual_controller_of_a_robot_with_a_held_joint_tracks_the_others(tmp_path: Path) -> None:
-    model = augment(robot_of(tmp_path, arm_xml(), held=("j2",)), {}, None, Build(DT))
-    mpc = build_mpc(model, usual_settings(model))
+@pytest.mark.parametrize("urdf", [True, False])
+def test_the_usual_controller_of_a_robot_with_a_held_joint_tracks_the_others(tmp_path: Path, urdf: bool) -> None:
+    """In a URDF it stays in the step, and counts for next to nothing there."""
+    if urdf:
+        path = tmp_path / "arm.urdf"
+        path.write_text(arm_urdf(("j1", "j2"), -3.0, 3.0))
+        servos = {j: Actuator("position", 80.0, 4.0) for j in ("j1", "j2")}
+        robot = build(RobotFile("arm", "mujoco", model=path, actuators=servos, held=("j2",)))
+    else:
+        robot = robot_of(tmp_path, arm_xml(), held=("j2",))
+    model = augment(robot, {}, None, Build(DT))
+    assert ("position.j2" in model.stepped.poses) == urdf
+    settings = usual_settings(model)
+    mpc = build_mpc(model, settings)
     x, state = model.start({"position.j1": 0.0}), mpc.init()
     for _ in range(80):
-        command, state, _ = mpc.step(state, x, np.full((mpc.horizon, 1), 0.3))
+        command, state, _ = mpc.step(state, x, np.tile([0.3, 0.5][: 1 + urdf], (settings.horizon, 1)))
         x = model.numpy_step(x, command)
     assert x[0] == pytest.approx(0.3, abs=5e-3)
 

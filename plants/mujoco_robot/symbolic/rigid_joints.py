@@ -1,6 +1,6 @@
 """Joints that are rigid in the CasADi step, which has no couplings: those of a gripper that no command moves, on a
-tendon or coupled to each other, and those that are held. They are fixed at the model's reference configuration. Controllers
-would track a held joint that stayed in the step, and cannot move it."""
+tendon or coupled to each other, and those that are held. They are fixed at the model's reference configuration.
+Controllers would track a held joint that stayed in the step, and cannot move it."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -18,11 +18,14 @@ if TYPE_CHECKING:
 
 def rigid_joints(robot: CompiledRobot) -> tuple[str, ...]:
     """The joints that are held, and those that are coupled to others or on a tendon; none of the latter where one of
-    them has a motor, or where something else than joints is coupled."""
+    them has a motor, or where something else than joints is coupled. A held joint of a URDF stays: without it, its body
+    would be fused with another."""
     model = robot.model
     coupled = _gripper(model)
     loose = set() if coupled else _coupled(model)  # they stay, with what couples them
     held = {int(n) for n, dof in zip(robot.numbers, robot.dofs, strict=True) if model.dof_armature[dof] >= HOLDS}
+    if robot.spec is not None and robot.spec.compiler.fusestatic:
+        held = set()
     return tuple(model.joint(j).name for j in sorted(coupled | (held - loose)))
 
 
