@@ -218,12 +218,14 @@ def _told_where(out: Path) -> Iterator[None]:
     except KeyboardInterrupt:
         from residual_mpc.api.diagnosis_files import ANSWER
         from residual_mpc.api.early_answers import SO_FAR
+        from residual_mpc.api.resume import FILE as RESUME
 
         files = [out / name for name in (SO_FAR, ANSWER)]
         written = [f for f in files if f.is_file() and f.stat().st_mtime >= begun - 1.0]
         if written:
             click.echo(f"the best answer so far is {written[0]}", err=True)
-        click.echo("run the same command again to continue", err=True)
+        if (out / RESUME).is_file():
+            click.echo("run the same command again to continue", err=True)
         raise
 
 

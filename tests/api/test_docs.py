@@ -178,6 +178,18 @@ def test_own_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert made["x"][0] == pytest.approx(0.3, abs=1e-3)  # in spite of the dead time
 
 
+def test_the_rows_of_several_topics_become_one_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "drive1").mkdir()
+    for place, name in enumerate(("cmd_vel", "odom", "joint_states")):
+        rows = "".join(f"{0.1 * k + 0.01 * place},{k}\n" for k in range(3))
+        (tmp_path / "drive1" / f"{name}.csv").write_text(f"__time,/{name}/value\n{rows}")
+    monkeypatch.chdir(tmp_path)
+    run("logs.md")
+    written = [line.split(",") for line in (tmp_path / "drive1.csv").read_text().splitlines()]
+    assert written[0] == ["__time", "/cmd_vel/value", "/odom/value", "/joint_states/value"]
+    assert [row[0] for row in written[1:4]] == ["0.0", "0.01", "0.02"] and written[1][2] == ""
+
+
 def test_own_effect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "own_effects.py").write_text(blocks(GUIDE / "your-own-effect.md")[0])
     monkeypatch.syspath_prepend(str(tmp_path))

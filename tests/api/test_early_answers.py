@@ -62,7 +62,8 @@ def test_ctrl_c_leaves_the_best_answer_so_far(rover: Path) -> None:
     out, stopped = rover / "out", command(rover, interrupted=True)
     said = stopped.stderr
     assert stopped.returncode == 1 and "Traceback" not in said
-    assert "the best answer so far is out/unfinished.json" in said and "run the same command again to continue" in said
+    assert "the best answer so far is out/unfinished.json" in said
+    assert ("run the same command again to continue" in said) == (out / "resume.bin").exists()
     assert not (out / "diagnosis.json").exists() and not (out / "model.json").exists()
 
     robot = rm.load_robot(rover / "robot.toml")

@@ -21,12 +21,14 @@ from residual_mpc.models.settings import Knob, Term
 GAIN, FRICTION, DELAY = (Term(e, None) for e in ("actuator_gain", "coulomb_friction", "command_delay"))
 
 
-def found(first: tuple[Term, ...] | None, candidates: tuple[Term, ...], much: bool = True) -> Any:
-    """What `other_start` reads of a search that took `first` first."""
+def found(
+    first: tuple[Term, ...] | None, candidates: tuple[Term, ...], left: float = 0.2, nominal: float = 0.5
+) -> Any:
+    """What `other_start` reads of a search that took `first` first, from gaps; the noise alone makes one of 0.001."""
     steps = () if first is None else (SimpleNamespace(terms=first),)
-    ruler = SimpleNamespace(much_left=lambda fit: much)
+    ruler = SimpleNamespace(floor=0.001**2, squared=lambda fits: (nominal**2, left**2))
     problem = SimpleNamespace(space=SimpleNamespace(candidates=candidates))
-    return SimpleNamespace(steps=steps, ruler=ruler, fit=None, problem=problem)
+    return SimpleNamespace(steps=steps, ruler=ruler, fit=None, base=None, problem=problem)
 
 
 @pytest.mark.parametrize(
@@ -45,8 +47,19 @@ def found(first: tuple[Term, ...] | None, candidates: tuple[Term, ...], much: bo
 def test_the_other_kind_comes_first(
     first: tuple[Term, ...] | None, candidates: tuple[Term, ...], then: Term | None
 ) -> None:
-    assert other_start(found(first, candidates)) == then
-    assert other_start(found(first, candidates, much=False)) is None
+    settings = SearchSettings()
+    assert other_start(found(first, candidates), settings) == then
+    assert other_start(found(first, candidates, left=0.049), settings) is None
+
+
+@pytest.mark.parametrize(
+    ("left", "nominal", "tried"),
+    [(0.051, 0.5, True), (0.049, 0.5, False), (0.011, 0.04, True), (0.007, 0.04, False), (0.0019, 0.004, False)],
+)
+def test_little_is_much_where_there_was_no_more(left: float, nominal: float, tried: bool) -> None:
+    """A fifth of the nominal gap, unless it is within twice what noise alone makes."""
+    start = other_start(found((FRICTION,), (GAIN, FRICTION), left, nominal), SearchSettings())
+    assert start == (GAIN if tried else None)
 
 
 @pytest.mark.parametrize(("other", "taken"), [(0.7, True), (0.9, False), (1.2, False)])

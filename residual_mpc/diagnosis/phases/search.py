@@ -165,7 +165,7 @@ def search_headline(prepared: Prepared, rng: np.random.Generator, progress: Prog
     accepted = improving(told)
     found = _on(prepared, *prepared.headline, None, rng, progress, accepted)
     assert found is not None
-    first = other_start(found)
+    first = other_start(found, prepared.options.settings.search)
     if first is None:
         return found
     begun, anew, search = rng.spawn(1)[0], _renamed(progress), prepared.options.settings.search

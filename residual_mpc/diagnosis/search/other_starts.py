@@ -12,6 +12,7 @@ from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales
 from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.fit.start_values import possible
+from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD, SMALL
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.acceptance import squared_gaps
@@ -26,9 +27,9 @@ KINDS = (ACTUATOR_GAIN.name, COULOMB.name)  # all gains first, or all frictions
 DOSES = 4  # of an effect that a start is fitted from
 
 
-def other_start(found: Found) -> Term | None:
+def other_start(found: Found, settings: SearchSettings) -> Term | None:
     """The effect that another search is to begin with; None where little is left, or where there is no such effect."""
-    if not found.steps or not found.ruler.much_left(found.fit):
+    if not found.steps or not _much_left(found, settings):
         return None
     taken = {t.effect for t in found.steps[0].terms}
     candidates = found.problem.space.candidates
@@ -38,6 +39,14 @@ def other_start(found: Found) -> Term | None:
         if whole and name not in taken:
             return whole[0]
     return None
+
+
+def _much_left(found: Found, settings: SearchSettings) -> bool:
+    """Whether a search leaves more than the sensors can tell from nothing, and a good part of what there was: what is
+    little beside other gaps is much where the nominal model had no more."""
+    first, left = found.ruler.squared([found.base, found.fit])
+    good = settings.rivals.part_left**2 * first
+    return bool(left > max(AS_GOOD**2 * found.ruler.floor, min(SMALL**2, good)))
 
 
 def begun_with(problem: Problem, term: Term, settings: SearchSettings) -> Values | None:

@@ -117,7 +117,7 @@ class RivalSettings:
     removes of the squared gap, that the other has to remove; wide_steps: iterations when a low-pass of the
     readings and its rival are refitted with the larger uncertainty of the start. law: smallest half-width of a number's
     interval, relative to it; other_start: times the squared gap on all windows, below which a search from another start
-    counts."""
+    counts; part_left: of the nominal gap, from which one is made where the gap that is left is small."""
 
     parallel: float = 0.08
     per_knob: float = 2.0
@@ -140,11 +140,13 @@ class RivalSettings:
     wide_steps: int = 3
     law: float = 0.03
     other_start: float = 0.8
+    part_left: float = 0.2
 
     def __post_init__(self) -> None:
         check_positive(self, "of_left", "hardly", "leaner", "parallel", "looked_at", "best", "far", "visible")
         check_positive(self, "gap_steps", "lost", "wide_steps")
-        check_share(self, "resembles", "share", "far_smaller", "falling", "works", "law", "other_start")
+        check_share(self, "resembles", "share", "far_smaller", "falling", "works", "law", "other_start",
+                    "part_left")  # fmt: skip
 
 
 @dataclass(frozen=True)
