@@ -12,8 +12,10 @@ from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.fit.marginalisation import carrying
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.search import stepwise
 from residual_mpc.diagnosis.search.acceptance import build_ruler, convincing, judge
 from residual_mpc.diagnosis.search.settings import SearchSettings
+from residual_mpc.diagnosis.search.stepwise import Step
 from residual_mpc.models.settings import Knob
 
 ROVER = DiffDrive("rover", 0.033, 0.16)
@@ -60,3 +62,51 @@ def test_what_closes_most_of_the_rest_counts_though_many_small_differences_could
     assert not convinces({"track_width": {"scale": 1.02}, "gusts": {"size": 0.3}})  # it closes little of the rest
     monkeypatch.setattr("residual_mpc.diagnosis.search.acceptance._clear_alone", lambda *args: False)
     assert not convinces({"track_width": {"scale": 1.04}})
+
+
+def test_what_is_far_above_the_noise_and_the_steps_error_is_visible(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = build_dataset(
+        [rover_run(f"r{k}", {"actuator_lag": {"time_constant": 0.08}}, seed=k) for k in range(3)], [ROVER] * 3, SIGMA
+    )
+    scales, settings = measure_scales(data), SearchSettings()
+    problem = build_problem(data, build_space(data, ()), data.sigma, scales.motion)
+    base, lag = fit_all(problem, [{}, {LAG: 0.08}])
+    ruler = build_ruler(problem.replays, scales, base, np.random.default_rng(0), settings.data)
+    assert ruler.visible(base, settings) and not ruler.visible(lag, settings)
+    left = float(ruler.squared([base])[0])
+    monkeypatch.setattr(type(ruler), "step_error", lambda ruler, fit: 1.01 * left / settings.steps.beyond_step)
+    assert not ruler.visible(base, settings)
+
+
+@pytest.mark.parametrize("far_smaller", [True, False])
+def test_where_little_is_left_only_a_far_smaller_gap_counts(monkeypatch: pytest.MonkeyPatch, far_smaller: bool) -> None:
+    """Of what a search finds that goes on as if nothing else differed."""
+    data = build_dataset(
+        [rover_run(f"r{k}", {"actuator_lag": {"time_constant": 0.08}}, seed=k) for k in range(3)], [ROVER] * 3, SIGMA
+    )
+    scales, settings = measure_scales(data), SearchSettings()
+    problem = build_problem(data, build_space(data, (), ("actuator_lag", "track_width")), data.sigma, scales.motion)
+    (both,) = fit_all(problem, [{LAG: 0.08, TRACK: 1.01}], 0)
+    further = Step(both.terms, 2.0, 1.0)
+    monkeypatch.setattr(stepwise.Ruler, "visible", lambda *_: True)
+    monkeypatch.setattr(stepwise.Forward, "from_both", lambda self, found, steps: ([both], [*steps, further], []))
+    monkeypatch.setattr(stepwise.Forward, "far_smaller", lambda *_: far_smaller)
+    monkeypatch.setattr(stepwise, "prune", lambda problem, ruler, current, *_, **__: current)
+    found = stepwise.stepwise_search(problem, scales, settings, np.random.default_rng(0))
+    assert (further in found.steps) == far_smaller
+    assert {t.effect for t in found.fit.terms} == {"actuator_lag"} | ({"track_width"} if far_smaller else set())
+
+
+def test_a_far_smaller_gap_is_well_below_the_other() -> None:
+    data = build_dataset(
+        [rover_run(f"r{k}", {"actuator_lag": {"time_constant": 0.08}}, seed=k) for k in range(3)], [ROVER] * 3, SIGMA
+    )
+    scales, settings = measure_scales(data), SearchSettings()
+    problem = build_problem(data, build_space(data, ()), data.sigma, scales.motion)
+    base, lag = fit_all(problem, [{}, {LAG: 0.08}], 0)
+    ruler = build_ruler(problem.replays, scales, base, np.random.default_rng(0), settings.data)
+    blocks = blocks_of(data, settings=settings.fit)
+    forward = stepwise.Forward(
+        problem, ruler, base, 1.0 / problem.weight, blocks, lambda *_: None, lambda *_: {}, settings
+    )
+    assert forward.far_smaller(lag, base) and not forward.far_smaller(base, lag) and not forward.far_smaller(lag, lag)

@@ -78,6 +78,11 @@ class Ruler:
         """Whether a fit leaves that much."""
         return bool(self.squared([fit])[0] > self.much)
 
+    def visible(self, fit: Fit, settings: SearchSettings) -> bool:
+        """Whether a fit leaves far more than the noise and the error of the model's own time step."""
+        left, tuned = float(self.squared([fit])[0]), settings.steps
+        return left > tuned.visible * self.floor and left > tuned.beyond_step * self.step_error(fit)
+
 
 def squared_gaps(replays: PredictionCache, scales: Scales, fits: Sequence[Fit], settings: SearchSettings) -> np.ndarray:
     """(H,) squared gap of each fit, in which a window counts at most as one whose motion is missed altogether."""

@@ -77,7 +77,8 @@ class StepSettings:
     at most `together` effects (the cost grows with their cube) are fitted without each effect for thorough_steps; one
     that is worth more than the ratio `needless` on the way is needed. met: sets that a step came across, which are
     kept to be judged on all windows. far_from_floor: times the squared noise floor,
-    from which a sizeable addition needs less evidence. much: of the squared gap that the best single effect has to
+    from which a sizeable addition needs less evidence; visible: likewise, from which a search goes on as if nothing
+    else differed, for what leaves a far smaller gap. much: of the squared gap that the best single effect has to
     leave before pairs are tried. beyond_step: times the squared error of the model's own time step, up to which an
     effect that removes no more may stand for it; lasting: share of what it removes that it has to remove from models
     with an infinitely small step too."""
@@ -90,6 +91,7 @@ class StepSettings:
     needless: float = 60.0
     met: int = 4
     far_from_floor: float = 4.0
+    visible: float = 16.0
     much: float = 0.25
     beyond_step: float = 4.0
     lasting: float = 0.5
@@ -98,7 +100,7 @@ class StepSettings:
         check_positive(
             self, "alike", "trimmed", "needed", "together", "thorough_steps", "needless", "met", "far_from_floor"
         )
-        check_positive(self, "beyond_step")
+        check_positive(self, "beyond_step", "visible")
         check_share(self, "much", "lasting")
 
 

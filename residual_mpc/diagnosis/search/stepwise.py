@@ -82,11 +82,15 @@ def stepwise_search(
         beam = refit(judge(problem, known, noise, scales, settings=settings), [known], settings=settings)
     forward = Forward(problem, ruler, base, noise, blocks, report, suggest, settings, accepted=accepted)
     beam, steps, met = forward.go_on(beam, [])
-    if forward.much_left(beam[0]):  # what closes a good part of that is better than nothing
+    # what closes a good part of what is left is better than nothing. Where that is little, small differences of
+    # everything may take up what one effect does
+    much = forward.much_left(beam[0])
+    if much or forward.ruler_about(beam[0]).visible(beam[0], settings):
         unmarginalised = replace(forward, settings=settings.without_tolerances(), small_differences=False)
-        beam, further, seen_there = unmarginalised.from_both(beam[0], steps)
-        if further != steps:
-            forward, settings, steps, met = unmarginalised, unmarginalised.settings, further, seen_there
+        further_beam, further, seen_there = unmarginalised.from_both(beam[0], steps)
+        if further != steps and (much or forward.far_smaller(further_beam[0], beam[0])):
+            beam, met = further_beam, seen_there
+            forward, settings, steps = unmarginalised, unmarginalised.settings, further
     last = beam[0]
     if (steps or questioned) and len(last.terms) <= settings.steps.together:
         report("testing each effect by removing it", 1.0)
@@ -133,7 +137,16 @@ class Forward:
 
     def much_left(self, fit: Fit) -> bool:
         """Whether a fit leaves more than the sensors can tell from nothing."""
-        return self.ruler_at(about(self.problem, fit.values, settings=self.settings.predict)).much_left(fit)
+        return self.ruler_about(fit).much_left(fit)
+
+    def ruler_about(self, fit: Fit) -> Ruler:
+        """The ruler with the predictions about this fit."""
+        return self.ruler_at(about(self.problem, fit.values, settings=self.settings.predict))
+
+    def far_smaller(self, fit: Fit, than: Fit) -> bool:
+        """Whether a fit leaves a far smaller gap than another."""
+        own, other = self.ruler_about(than).squared([fit, than])
+        return bool(own < self.settings.rivals.far_smaller * other)
 
     def _choose(self, problem: Problem, ruler: Ruler, current: Fit, children: list[Fit]) -> tuple[Fit, Fit] | None:
         """The first of these sets that is convincing, or another one that is and leaves a far smaller gap: as it is,
@@ -157,10 +170,7 @@ class Forward:
         if not found.terms:
             return further
         anew = self.go_on([self.base], [])
-        fits = [anew[0][0], further[0][0]]
-        problem = about(self.problem, fits[1].values, settings=self.settings.predict)
-        gaps = self.ruler_at(problem).squared(fits)
-        return anew if gaps[0] < self.settings.rivals.far_smaller * gaps[1] else further
+        return anew if self.far_smaller(anew[0][0], further[0][0]) else further
 
     def go_on(self, beam: list[Fit], steps: list[Step]) -> tuple[list[Fit], list[Step], list[Fit]]:
         """Further steps until none is convincing; the beam at the end, the steps taken so far, and the sets that the
