@@ -80,6 +80,13 @@ def test_what_does_not_move_is_the_world(tmp_path: Path) -> None:
     assert not robot.without_contacts([pair]).overlaps({"j1": np.zeros(1), "j2": np.zeros(1), "j3": np.zeros(1)})
 
 
+def test_an_object_is_not_where_the_model_has_it(tmp_path: Path) -> None:
+    """A box that the arm may push lies in its way in the model."""
+    box = '<body name="box" pos="0 0 0.9"><freejoint/><geom type="box" size="0.1 0.1 0.1" mass="0.1"/></body>'
+    robot = robot_of(tmp_path, arm(world=box))
+    assert robot.overlaps({"j1": np.zeros(1), "j2": np.zeros(1), "j3": np.zeros(1)}) == {}
+
+
 def test_runs_in_poses_that_the_shapes_forbid_have_no_gap(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").write_text(arm())
     (tmp_path / "robot.toml").write_text('name = "arm"\nplant = "mujoco"\nmodel = "arm.xml"\n')

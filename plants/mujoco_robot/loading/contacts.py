@@ -7,6 +7,7 @@ from typing import TypeVar
 import numpy as np
 
 from plants.mujoco_robot.loading.compile import mark_simple, prepared
+from plants.mujoco_robot.structure.base import free_bodies
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 
 AnyRobot = TypeVar("AnyRobot", bound=CompiledRobot)
@@ -16,8 +17,8 @@ WORLD = ""
 
 def overlaps(robot: CompiledRobot, positions: Mapping[str, np.ndarray]) -> dict[Pair, np.ndarray]:
     """(rows,) m by which the shapes of two bodies overlap, 0 where they do not, at positions (rows,) of joints, rad or
-    m; the others are as the model is drawn. What does not move is "". Nothing of a robot that drives: it stands on
-    contacts."""
+    m; the others are as the model is drawn. What does not move is "". Nothing of a robot that drives, which stands on
+    contacts, nor of one with closed chains, whose other joints follow; nothing of objects, whose place is not known."""
     import mujoco
 
     model = robot.model
@@ -25,9 +26,9 @@ def overlaps(robot: CompiledRobot, positions: Mapping[str, np.ndarray]) -> dict[
         (place, positions[j]) for j, place in zip(robot.joints, robot.places.tolist(), strict=True) if j in positions
     ]
     collides = model.ngeom and (model.geom_contype.any() or model.geom_conaffinity.any() or model.npair)
-    if robot.base is not None or not known or not collides:
+    if robot.base is not None or robot.loops is not None or not known or not collides:
         return {}
-    data, count = mujoco.MjData(model), len(known[0][1])
+    data, count, objects = mujoco.MjData(model), len(known[0][1]), free_bodies(model)
     found: dict[Pair, np.ndarray] = {}
     for row in range(count):
         data.qpos[:] = model.qpos0
@@ -39,6 +40,8 @@ def overlaps(robot: CompiledRobot, positions: Mapping[str, np.ndarray]) -> dict[
         mujoco.mj_comPos(model, data)
         mujoco.mj_collision(model, data)
         for geoms, distance in zip(data.contact.geom, data.contact.dist, strict=True):
+            if np.isin(model.body_rootid[model.geom_bodyid[geoms]], objects).any():
+                continue
             pair = _bodies(robot, geoms)
             depth = found.setdefault(pair, np.zeros(count))
             depth[row] = max(depth[row], -float(distance))
