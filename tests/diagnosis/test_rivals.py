@@ -71,6 +71,18 @@ def test_an_effect_on_all_targets_is_also_there_on_the_one_that_is_named() -> No
     assert _shares(SimpleNamespace(terms=(BOTH,)), told)[LEFT] < 1e-9
 
 
+def test_an_effect_that_a_rival_makes_needless_competes_with_it() -> None:
+    """A payload in place of the mass of one link that leaves nothing to that of another."""
+    one, other, load, drag = (
+        Term(*t) for t in (("link_mass", "a"), ("link_mass", "b"), ("payload", None), ("coulomb_friction", "a"))
+    )
+    fit: Any = SimpleNamespace(terms=(one, other, drag))
+    leaner: Any = SimpleNamespace(terms=(load, drag))
+    shares = _shares(fit, [Rival((one,), (load,), leaner, -2.0, False)])
+    assert shares[one] == shares[other] == pytest.approx(0.5)  # a better ratio counts as none
+    assert shares[drag] == 1.0
+
+
 def test_an_effect_said_of_both_wheels_goes_to_the_one_that_has_it() -> None:
     found = rivals_of({}, {Knob("actuator_gain", None, "gain"): 0.95}, ("actuator_gain", "track_width"), left=0.9)
     assert found.fit.terms == (LEFT,)
