@@ -12,6 +12,7 @@ from plants.mujoco_robot.simulation.constants import corrected_constants
 from plants.mujoco_robot.simulation.gravcomp import why_no_gravcomp, write_gravcomp
 from plants.mujoco_robot.simulation.replay import replay
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.structure.ranges import DEGREE
 from residual_mpc.effects.body import COULOMB
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import BY_NAME, changes, present
@@ -24,7 +25,6 @@ from residual_mpc.models.simulating import Mjcf
 if TYPE_CHECKING:
     import mujoco
 
-DEGREE = 180.0 / np.pi  # of a specification whose compiler takes angles in degrees
 SECONDS, DRIVES = 1.0, 4  # of the comparison with the replay
 
 

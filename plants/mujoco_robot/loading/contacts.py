@@ -2,15 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
 from plants.mujoco_robot.loading.compile import mark_simple, prepared
 from plants.mujoco_robot.structure.base import free_bodies
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.structure.ranges import AnyRobot
 
-AnyRobot = TypeVar("AnyRobot", bound=CompiledRobot)
 Pair = tuple[str, str]
 WORLD = ""
 
@@ -57,7 +56,7 @@ def _bodies(robot: CompiledRobot, geoms: Sequence[int]) -> Pair:
 
 
 def without_contacts(robot: AnyRobot, pairs: Sequence[Pair]) -> AnyRobot:
-    """The robot whose bodies do not touch each other in these pairs, or whose first does not touch the world."""
+    """The robot whose bodies do not touch each other in these pairs, nor the world where one of the two is ""."""
     if robot.spec is None:
         return robot
     spec = robot.spec.copy()

@@ -105,5 +105,5 @@ NUMBERS: tuple[ServoNumber, ...] = (
     ServoNumber("offset", "encoder offset", "rad", "", 0.0, (Source(SENSOR_BIAS, "bias", "is"),)),
 )  # fmt: skip
 BY_NAME = {number.name: number for number in NUMBERS}
-# a gain scales stiffness and damping of a position servo; the joint's own damping is beside it
+# an actuator gain scales the first two, which belong to the servo; the third is the joint's own damping
 SERVO_STIFFNESS, SERVO_DAMPING, JOINT_DAMPING = "stiffness", "damping", "viscous_friction"
