@@ -2,16 +2,18 @@
 
 from residual_mpc.effects.effect import Parameter
 
-# a model gives a joint one damping; of motor and link it acts on the motor unless this says otherwise
+# A model gives a joint one damping; of motor and link it acts on the motor unless this says otherwise. More than all of
+# it would be another viscous friction, which a rigid gear has as well.
 DAMPING_BEHIND = Parameter(
     "damping_behind",
     "1",
     0.0,
     0.0,
-    3.0,
+    1.0,
     (0.5,),
     shape=True,
     quantity="damping behind the gear",
     optional=True,
     tried=1.0,
+    limits=True,
 )

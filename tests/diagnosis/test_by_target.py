@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import pytest
 from oracles.rover_log import SIGMA, rover_run
@@ -14,12 +17,13 @@ from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.search import by_target as module
 from residual_mpc.diagnosis.search import stepwise
 from residual_mpc.diagnosis.search.by_target import by_target, counted
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stepwise import stepwise_search
 from residual_mpc.logs.run import Run
-from residual_mpc.models.settings import Knob, Term
+from residual_mpc.models.settings import Knob, Term, Values
 
 ROVER = DiffDrive("rover", 0.033, 0.16)
 BOTH, LEFT, RIGHT = (Knob("actuator_gain", target, "gain") for target in (None, "left", "right"))
@@ -44,6 +48,20 @@ def test_two_gains_are_found_from_their_middle() -> None:
     (fit,) = split(problem_of(0.8))
     assert fit.values[LEFT] == pytest.approx(0.8, abs=0.003) and fit.values[RIGHT] == pytest.approx(0.9, abs=0.003)
     assert BOTH not in fit.values
+
+
+def test_a_linear_step_that_leads_away_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_linear_step", lambda *of: ({LEFT: 0.2, RIGHT: 4.0}, 1e9))
+    begun: list[Values] = []
+
+    def fits(problem: Problem, starts: Sequence[Values], *args: Any, **settings: Any) -> list[Fit]:
+        begun.extend(starts)
+        return fit_all(problem, starts, *args, **settings)
+
+    monkeypatch.setattr(module, "fit_all", fits)
+    split(problem_of(0.8))
+    (start,) = begun
+    assert start[LEFT] == start[RIGHT] == pytest.approx(0.85, abs=0.01)
 
 
 def test_nothing_is_fitted_where_all_are_alike() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -28,10 +30,11 @@ from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.data.outliers import Outliers
 from residual_mpc.diagnosis.data.signals import Signal
 from residual_mpc.diagnosis.predict.problem import build_problem
-from residual_mpc.diagnosis.results.causes import causes_of
+from residual_mpc.diagnosis.results.causes import ValuesWithout, causes_of
 from residual_mpc.diagnosis.results.records import Cause
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.support import Support, support_of
+from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Knob, Term, Values
 
 TUNED = ResultSettings()
@@ -48,13 +51,21 @@ def linear(truth: Values, seed: int = 0) -> Linear:
     return Linear(DATA, SPACE, {k: 3.0 * white(DATA, rng) for k in truth}, truth, white(DATA, rng))
 
 
-def found(truth: Values, sure: float = 1.0, doubt: dict[Term, float] | None = None, **others: Any) -> dict[Term, Cause]:
-    """The causes of a fit that starts at the truth."""
+def found(
+    truth: Values,
+    sure: float = 1.0,
+    doubt: dict[Term, float] | None = None,
+    beside: float = np.inf,
+    values_without: ValuesWithout = lambda terms: {},
+    **others: Any,
+) -> dict[Term, Cause]:
+    """The causes of a fit that starts at the truth. beside: of each effect, what it predicts beside another."""
     problem = linear(truth)
     fit = fitted(problem, {k: float(np.clip(v, *SPACE.bounds(k))) for k, v in truth.items()})
     of = explained(problem, fit, **others)
     some = dict.fromkeys(fit.terms, 1.0) | (doubt or {})
-    return {c.term: c for c in causes_of(of, 0.0, sure, dict.fromkeys(fit.terms, SURE), some, {}, TUNED)}
+    supports = dict.fromkeys(fit.terms, replace(SURE, beside=beside))
+    return {c.term: c for c in causes_of(of, 0.0, sure, supports, some, values_without, TUNED)}
 
 
 def test_a_cause_is_as_sure_as_all_allows_that_speaks_for_it() -> None:
@@ -81,6 +92,32 @@ def test_so_is_one_whose_number_rests_beside_it() -> None:
         causes = found({SCALE: 1.2, GAIN: value})
         assert causes[GAIN.term].probability == pytest.approx(share * causes[SCALE.term].probability)
         assert bool(causes[GAIN.term].parameters[0].note) == (share < 1.0)
+
+
+@pytest.mark.parametrize(("beside", "low"), [(0.05, 0.7), (0.5, None)])
+def test_a_small_effect_on_its_bound_widens_the_intervals_of_the_others(beside: float, low: float | None) -> None:
+    """They hold the values without it; of one that predicts much, the name is in doubt alone."""
+    asked: list[Term] = []
+
+    def lacking(terms: Sequence[Term]) -> dict[Knob, tuple[float, ...]]:
+        asked.extend(terms)
+        return {SCALE: (0.7,)}
+
+    causes = found({SCALE: 1.2, GAIN: SPACE.bounds(GAIN)[1] + 1.0}, beside=beside, values_without=lacking)
+    assert asked == ([] if low is None else [GAIN.term])
+    interval = causes[SCALE.term].parameters[0].ci95
+    assert interval[0] == low if low is not None else interval[0] > 1.0
+
+
+def test_a_number_at_the_limit_of_what_can_be_is_as_sure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All of a joint's damping may sit behind its gear."""
+    gain = BY_NAME["actuator_gain"].parameter("gain")
+    assert BY_NAME["joint_compliance"].parameter("damping_behind").limits and not gain.limits
+    effect = replace(BY_NAME["actuator_gain"], parameters=(replace(gain, limits=True),))
+    monkeypatch.setattr("residual_mpc.diagnosis.results.causes.BY_NAME", {**BY_NAME, "actuator_gain": effect})
+    causes = found({SCALE: 1.2, GAIN: SPACE.bounds(GAIN)[1] + 1.0})
+    assert causes[GAIN.term].probability == pytest.approx(causes[SCALE.term].probability)
+    assert not causes[GAIN.term].parameters[0].note
 
 
 def test_a_cause_that_may_do_nothing_is_less_sure() -> None:

@@ -38,10 +38,11 @@ def estimates(
     lacking: Mapping[Knob, tuple[float, ...]] = NOTHING,
     settings: ResultSettings = TUNED,
 ) -> dict[str, Estimate]:
-    """Each parameter of the explanation, by name."""
+    """Each parameter of the explanation, by name; lacking: the values without an effect, which is then in doubt."""
     terms = of.final.terms
     supports, doubt = dict.fromkeys(terms, Support((), 1.0)), dict.fromkeys(terms, 1.0)
-    causes = causes_of(of, unexplained, 1.0, supports, doubt, lacking, settings)
+    doubt[terms[0]] = 0.5 if lacking else 1.0
+    causes = causes_of(of, unexplained, 1.0, supports, doubt, lambda terms: lacking, settings)
     return {e.name: e for cause in causes for e in cause.parameters}
 
 

@@ -66,10 +66,10 @@ def test_an_explanation_whose_law_is_another_is_partial_however_small_the_gap() 
     steady, thirds = {}, {scale: Variation(by_motion={"small": 1.0, "medium": 1.1, "large": 1.2})}
     runs = {scale: Variation(by_run={"run1": 1.0, "run2": 1.2})}
     gaps: Any = SimpleNamespace(verdict=("effects", 0.0))
-    found = [Validated(gaps, None, {}, {}, Options(), varying).verdict for varying in (steady, thirds, runs)]
+    found = [Validated(gaps, None, {}, Options(), varying).verdict for varying in (steady, thirds, runs)]
     assert found == ["effects", "partial", "effects"]
     nothing: Any = SimpleNamespace(verdict=("unknown", 1.0))
-    assert Validated(nothing, None, {}, {}, Options(), thirds).verdict == "unknown"
+    assert Validated(nothing, None, {}, Options(), thirds).verdict == "unknown"
 
 
 def test_what_is_named_is_likely_with_what_the_runs_do_not_tell_from_it() -> None:

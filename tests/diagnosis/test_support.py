@@ -16,9 +16,11 @@ from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
-from residual_mpc.diagnosis.results.causes import without_doubtful
+from residual_mpc.diagnosis.results.causes import refitted_without
+from residual_mpc.diagnosis.results.readjusted import readjusted
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.support import Rises, Support, _beside, _size, doubts
+from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.models.settings import Knob, Term
 
 ROVER = DiffDrive("rover", 0.033, 0.16)
@@ -41,12 +43,27 @@ def test_a_dead_time_counts_beside_the_lag_of_its_actuator(delay: float, size: f
     assert _size(explained(0.1, delay), DELAY, settings=ResultSettings()) == pytest.approx(size)
 
 
-def test_a_doubtful_effect_widens_the_intervals_of_the_others() -> None:
+def test_the_fits_without_an_effect_move_the_numbers_of_the_others() -> None:
     of = explained(0.1, 0.03)
-    assert without_doubtful(of, {LAG: 1.0, DELAY: 1.0}, 20_000, settings=ResultSettings()) == {}
-    assert without_doubtful(of, {LAG: 1.0, DELAY: 0.5}, 20_000, settings=ResultSettings())[TAU][0] == pytest.approx(
-        0.1, abs=0.01
-    )
+    assert refitted_without(of, [DELAY], 20_000, settings=ResultSettings())[TAU][0] == pytest.approx(0.1, abs=0.01)
+
+
+def test_what_others_make_up_for_is_no_contribution() -> None:
+    """A part of a lag that a delay stands for."""
+    of = explained(0.1, 0.03)
+    of.final = fit_all(of.problem, [{TAU: 0.06, DEAD_TIME: 0.03}], 0)[0]
+    less, left = without(of.final.values, DELAY), readjusted(of.problem, of.final)[DELAY]
+    assert set(left) == {TAU} and left[TAU] == pytest.approx(0.1, abs=0.02)
+    costs = np.sum(of.problem.residuals([less, left]) ** 2, axis=(1, 2))
+    assert costs[1] < 0.1 * costs[0]
+
+
+def test_a_step_that_leads_away_is_not_taken() -> None:
+    """Without the lag, which is all there is, the delay is moved where that lowers the cost, or stays."""
+    of = explained(0.1, 0.03)
+    left = readjusted(of.problem, of.final)[LAG]
+    costs = np.sum(of.problem.residuals([left, without(of.final.values, LAG)]) ** 2, axis=(1, 2))
+    assert set(left) == {DEAD_TIME} and costs[0] <= costs[1]
 
 
 @pytest.mark.parametrize(
@@ -80,20 +97,25 @@ def test_what_the_law_of_a_large_effect_may_lack_is_in_doubt(beside: float, fact
     assert doubts(supports, None, settings=ResultSettings()) == pytest.approx({small: factor, large: 1.0})
 
 
+def rises(lasting: list[float], only: np.ndarray, none: float) -> Rises:
+    """Without an effect, before the others make up for it, the gap rises by far more."""
+    return Rises(np.full(len(lasting), 1e5), np.array(lasting), only, none)
+
+
 def test_an_effect_is_small_beside_another_only_if_it_is_at_every_horizon() -> None:
     apart = np.full(3, 1e4)  # none explains much by itself
-    second, longer = Rises(np.array([4.0, 1e4, -1.0]), apart, 1e4), Rises(np.array([100.0, 1e4, 1.0]), apart, 1e4)
+    second, longer = rises([4.0, 1e4, -1.0], apart, 1e4), rises([100.0, 1e4, 1.0], apart, 1e4)
     assert [_beside([second, longer], k) for k in range(3)] == pytest.approx([0.1, 50.0, 0.01])
-    assert _beside([Rises(np.array([3.0]), np.zeros(1), 3.0)], 0) == np.inf
+    assert _beside([rises([3.0], np.zeros(1), 3.0)], 0) == np.inf
 
 
 def test_an_effect_that_imitates_another_is_compared_with_what_that_explains_alone() -> None:
     """A dead zone of a servo beside a dry friction: without either, the other still explains most."""
     dead_zone, friction = 1.0, 200.0
-    rises = Rises(np.array([dead_zone, friction]), np.array([friction, dead_zone]), 2501.0)
-    assert _beside([rises], 0) == pytest.approx(0.5 * 0.02)
-    assert _beside([rises], 1) == pytest.approx(0.5 * (friction / (2501.0 - friction)) ** 0.5)
-    apart = Rises(np.array([1.0, 2500.0]), np.array([2500.0, 1.0]), 2501.0)
+    both = rises([dead_zone, friction], np.array([friction, dead_zone]), 2501.0)
+    assert _beside([both], 0) == pytest.approx(0.5 * 0.02)
+    assert _beside([both], 1) == pytest.approx(0.5 * (friction / (2501.0 - friction)) ** 0.5)
+    apart = rises([1.0, 2500.0], np.array([2500.0, 1.0]), 2501.0)
     assert _beside([apart], 0) == pytest.approx(0.02) and _beside([apart], 1) == pytest.approx(25.0)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from residual_mpc.diagnosis.remainder.learning import NOTHING, Learned, Learner,
 from residual_mpc.diagnosis.remainder.records import Rest
 from residual_mpc.diagnosis.remainder.resemblance import resembles
 from residual_mpc.diagnosis.results.alternatives import alternatives, candidates, rival_sets
-from residual_mpc.diagnosis.results.causes import causes_of, most_sure
+from residual_mpc.diagnosis.results.causes import causes_of, most_sure, refitted_without
 from residual_mpc.diagnosis.results.conditions import moved, notes, one_run, setup
 from residual_mpc.diagnosis.results.gaps import ExplanationGaps
 from residual_mpc.diagnosis.results.next_experiment import next_experiment
@@ -80,7 +81,8 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     # a size that varies with the motion speaks against the named member alone
     every_doubt = {**shared(weak, groups), **doubt}
     others = alternatives(of.rivalry, groups, final, settings=settings) if helps else ()
-    told = (of, share, sure, supports, doubt, validated.lacking)
+    refitted = partial(refitted_without, of, steps=validated.options.final_steps, settings=settings)
+    told = (of, share, sure, supports, doubt, refitted)
     causes = causes_of(*told, settings=settings, varying=validated.varying) if helps else ()
     looked_at = candidates(of.rivalry, of.base, final, sure, of.left_out, every_doubt) if helps else ()
     if verdict == "effects" and not found.told and not _likely(causes, looked_at, groups):

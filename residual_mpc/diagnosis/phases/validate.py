@@ -7,27 +7,24 @@ import numpy as np
 
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.refine import Refined
-from residual_mpc.diagnosis.results.causes import without_doubtful
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.gaps import ExplanationGaps, measure_gaps
 from residual_mpc.diagnosis.results.shrink import Shrink, shrink_of
-from residual_mpc.diagnosis.results.support import Support, doubts, support_of
+from residual_mpc.diagnosis.results.support import Support, support_of
 from residual_mpc.diagnosis.results.variation import variations
 from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.diagnosis.results.verdict import Verdict
-from residual_mpc.models.settings import Knob, Term
+from residual_mpc.models.settings import Term
 
 
 @dataclass(frozen=True, eq=False)
 class Validated:
     """gaps: those of the explanation, over every horizon, and whether it helps; achieved: the shrink on the held-out
-    windows, None where nothing helps; supports: of each effect; lacking: each number's values without one of the
-    effects that may well not be there; varying: the effects whose size is not steady."""
+    windows, None where nothing helps; supports: of each effect; varying: the effects whose size is not steady."""
 
     gaps: ExplanationGaps
     achieved: Shrink | None
     supports: Mapping[Term, Support]
-    lacking: Mapping[Knob, tuple[float, ...]]
     options: Options
     varying: Mapping[Term, Variation] = field(default_factory=dict)
 
@@ -57,10 +54,9 @@ def validate(refined: Refined, rng: np.random.Generator, progress: Progress) -> 
     options, longer, settings = refined.options, refined.longer, refined.options.settings
     gaps = measure_gaps(refined.explanation, longer, options.final_steps, rng, settings=settings)
     if not gaps.helps:
-        return Validated(gaps, None, {}, {}, options)
+        return Validated(gaps, None, {}, options)
     of = gaps.of
     before, after = gaps.errors["before"], gaps.errors["after"]
     achieved = shrink_of(of.raw.take(of.test), of.scales, before[of.test], after[of.test], rng, settings=settings)
     supports = support_of(of, longer, gaps.looks, settings=settings)
-    lacking = without_doubtful(of, doubts(supports, None, settings=settings), options.final_steps, settings=settings)
-    return Validated(gaps, achieved, supports, lacking, options, variations(of, settings))
+    return Validated(gaps, achieved, supports, options, variations(of, settings))

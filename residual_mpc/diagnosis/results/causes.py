@@ -1,7 +1,8 @@
 """The causes of a diagnosis: each chosen effect with its probability, and its numbers with their intervals."""
 
 import math
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,6 +33,8 @@ from residual_mpc.models.settings import TUNE, Knob, Term
 ANGLES = ("heading", "phase")  # numbers that come round after a turn
 LIMITED = ("output", "turn")  # references of limits that leave smaller signals unchanged
 AT_BOUND = "at the bound of its search range"
+# The values of each number in fits without one of some effects
+ValuesWithout = Callable[[Sequence[Term]], Mapping[Knob, tuple[float, ...]]]
 
 
 def causes_of(
@@ -40,13 +43,50 @@ def causes_of(
     sure: float,
     supports: Mapping[Term, Support],
     doubt: Mapping[Term, float],
-    lacking: Mapping[Knob, tuple[float, ...]],
+    values_without: ValuesWithout,
     settings: ResultSettings,
     varying: Container[Term] = (),
 ) -> tuple[Cause, ...]:
     """unexplained: share of the squared gap beyond the floor that is left; sure: what a cause without a rival gets;
-    supports and doubt: of each effect, see `support`; lacking: see `without_doubtful`; varying: effects whose sizes
-    in parts of the runs are told."""
+    supports and doubt: of each effect, see `support`; values_without: see `refitted_without`; varying: effects whose
+    sizes in parts of the runs are told."""
+    final, named = of.final, [t for t in of.final.terms if not is_law(t.effect)]
+    spread = _spread(of, varying, settings=settings)
+    sized = {t: _estimates(of, t, spread, unexplained, {}, settings=settings) for t in named}
+    unsized = {t: _unsized(of.problem.space, t, sized[t], settings) if t in sized else 1.0 for t in doubt}
+    factors = {t: doubt[t] * unsized[t] for t in doubt}
+    # of an effect that predicts much, a number at its bound doubts the name, not that something is there
+    small = {t: factors[t] if supports[t].beside < settings.causes.minor else doubt[t] for t in doubt}
+    doubtful = [t for t in final.terms if small[t] < settings.causes.doubtful]
+    lacking = values_without(doubtful) if len(final.terms) > 1 and doubtful else {}
+    causes = []
+    for term in final.terms:
+        summary, evidence = BY_NAME[term.effect].summary, supports[term].evidence
+        if term not in sized:
+            law = _law(of, term, settings=settings)
+            causes.append(Cause(term, sure * factors[term], (), summary, None, evidence, law))
+            continue
+        estimates = _estimates(of, term, spread, unexplained, lacking, settings=settings) if lacking else sized[term]
+        slots = of.problem.space.slots[term.effect]
+        only = slots[0] if len(slots) == 1 and BY_NAME[term.effect].target in ("actuator", "joint", "body") else None
+        probability = sure * of.rivalry.shares.get(term, 1.0) * factors[term]
+        causes.append(Cause(term, probability, estimates, summary, only, evidence))
+    if of.with_outliers:
+        causes.append(_outliers(of, settings=settings))
+    return tuple(causes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Spread:
+    """What the interval of each number includes. sigma (P,): of each free number; aside: limits with small differences
+    elsewhere; others: values in sets that explain as much, with a finer time step, and with mean speeds."""
+
+    sigma: np.ndarray
+    aside: Mapping[Knob, tuple[float, ...]]
+    others: Mapping[Knob, tuple[float, ...]]
+
+
+def _spread(of: FittedExplanation, varying: Container[Term], settings: ResultSettings) -> _Spread:
     final, problem = of.final, of.problem
     within = sigmas(problem, final, settings=settings)
     blocks = int(blocks_of(problem.data, settings=settings.fit).max()) + 1
@@ -54,37 +94,35 @@ def causes_of(
     sigma = np.where([k.term in varying for k in final.knobs], within, between)
     aside = _aside(of, sigma, settings=settings)
     finer = finely_stepped(problem, final)
-    spanned = {k: (*aside.get(k, ()), *lacking.get(k, ())) for k in final.knobs}
     beside = _beside_others(of)
     earlier = _of_mean_speeds(of)
     held = {k: more for k in final.knobs if (more := hidden_inertia(problem.space.robot, k)) > 0.0}
     others = {k: (*beside[k], *([finer[k]] if k in finer else ()), *earlier.get(k, ())) for k in final.knobs}
     others |= {k: (*others[k], final.values[k] + more) for k, more in held.items()}
-    causes = []
-    for term in final.terms:
-        if is_law(term.effect):
-            probability = sure * doubt[term]
-            law = _law(of, term, settings=settings)
-            causes.append(
-                Cause(term, probability, (), BY_NAME[term.effect].summary, None, supports[term].evidence, law)
-            )
-            continue
-        estimates = [
-            _estimate(of, i, float(sigma[i]), unexplained, spanned[k], others[k], settings=settings)
-            for i, k in enumerate(final.knobs)
-            if k.effect != TUNE and k.term == term
-        ]
-        slots = problem.space.slots[term.effect]
-        only = slots[0] if len(slots) == 1 and BY_NAME[term.effect].target in ("actuator", "joint", "body") else None
-        rests = any(e.note == AT_BOUND for e in estimates)
-        unsized = settings.causes.resting if rests or _may_be_none(problem.space, term, estimates) else 1.0
-        probability = sure * of.rivalry.shares.get(term, 1.0) * doubt[term] * unsized
-        causes.append(
-            Cause(term, probability, tuple(estimates), BY_NAME[term.effect].summary, only, supports[term].evidence)
-        )
-    if of.with_outliers:
-        causes.append(_outliers(of, settings=settings))
-    return tuple(causes)
+    return _Spread(sigma, aside, others)
+
+
+def _estimates(
+    of: FittedExplanation,
+    term: Term,
+    spread: _Spread,
+    unexplained: float,
+    lacking: Mapping[Knob, tuple[float, ...]],
+    settings: ResultSettings,
+) -> tuple[Estimate, ...]:
+    """The numbers of an effect; lacking: the values of all numbers without a doubtful effect."""
+    spanned = {k: (*spread.aside.get(k, ()), *lacking.get(k, ())) for k in of.final.knobs}
+    return tuple(
+        _estimate(of, i, float(spread.sigma[i]), unexplained, spanned[k], spread.others[k], settings=settings)
+        for i, k in enumerate(of.final.knobs)
+        if k.effect != TUNE and k.term == term
+    )
+
+
+def _unsized(space: Space, term: Term, estimates: Sequence[Estimate], settings: ResultSettings) -> float:
+    """A factor on the probability of an effect: less where a number rests on a bound, or where it may do nothing."""
+    rests = any(e.note == AT_BOUND for e in estimates)
+    return settings.causes.resting if rests or _may_be_none(space, term, estimates) else 1.0
 
 
 def _may_be_none(space: Space, term: Term, estimates: Sequence[Estimate]) -> bool:
@@ -139,14 +177,11 @@ def sigmas(problem: Problem, final: Fit, settings: ResultSettings) -> np.ndarray
     )
 
 
-def without_doubtful(
-    of: FittedExplanation, doubt: Mapping[Term, float], steps: int, settings: ResultSettings
+def refitted_without(
+    of: FittedExplanation, doubtful: Sequence[Term], steps: int, settings: ResultSettings
 ) -> dict[Knob, tuple[float, ...]]:
-    """Each number's values in the fits without one of the effects that may well not be there; steps: simulation steps
-    that each of these fits takes first."""
-    doubtful = [t for t in of.final.terms if doubt[t] < settings.causes.doubtful]
-    if len(of.final.terms) < 2 or not doubtful:
-        return {}
+    """Each number's values in the fits without one of these effects, which may well not be there; steps: simulation
+    steps that each of the fits takes first."""
     fits = carry_on(of.problem, [without(of.final.values, t) for t in doubtful], steps, settings=settings.fit)
     return {k: tuple(f.values[k] for f in fits if k in f.values) for k in of.final.knobs}
 
@@ -219,6 +254,7 @@ def _estimate(
         float(min(max([max([value, *others]) + half, *ends, *aside]), max(high, value))),
     )
     rests = bool(final.held[i]) or _rests(space, knob, value, interval, settings)
+    rests = rests and not BY_NAME[knob.effect].parameter(knob.parameter).limits
     return Estimate(knob.parameter, value, interval, unit, _note(rests, apart))
 
 

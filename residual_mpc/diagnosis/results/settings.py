@@ -24,7 +24,8 @@ class CauseSettings:
     down to that factor. coarse: the most where the model's time step may be the cause. resting: factor on an effect
     with a number that rests on the bound of what is tried, or that may do nothing by its intervals; beside: share of
     the way from doing nothing to a bound within which a number rests on it where its interval ends there. doubtful:
-    factor on an effect's probability below which the other numbers' intervals do without it too. apart: half-widths
+    factor on an effect's probability below which the other numbers' intervals do without it too; minor: share of what
+    another effect predicts of the motion, below which `resting` counts for that. apart: half-widths
     beyond which an interval is that wide since two fits end apart. fewest_runs: from which their disagreement widens
     intervals; agree: how often runs that agree do so too; contributing: share of the runs that a number has to depend
     on for that."""
@@ -41,6 +42,7 @@ class CauseSettings:
     resting: float = 0.5
     beside: float = 0.02
     doubtful: float = 0.75
+    minor: float = 0.1
     apart: float = 2.5
     fewest_runs: int = 4
     agree: float = 0.2
@@ -48,7 +50,7 @@ class CauseSettings:
 
     def __post_init__(self) -> None:
         check_share(self, "form", "law", "order", "most_sure", "most_partial", "shadow", "least_sure", "useful",
-                    "coarse", "resting", "beside", "doubtful", "agree", "contributing")  # fmt: skip
+                    "coarse", "resting", "beside", "doubtful", "minor", "agree", "contributing")  # fmt: skip
         check_positive(self, "apart", "fewest_runs")
 
 

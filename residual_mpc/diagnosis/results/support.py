@@ -14,6 +14,7 @@ from residual_mpc.diagnosis.predict.horizons import HorizonWindows
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.remainder.records import Rest
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
+from residual_mpc.diagnosis.results.readjusted import readjusted
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.verdict import HorizonGaps
 from residual_mpc.diagnosis.search.stepwise import without
@@ -57,7 +58,8 @@ def support_of(
     for look in longer:
         if look.horizon in floors:
             places.append(((look.clean if of.with_outliers else look.raw).take(look.test), look.scales))
-    rises = [_rises(of, data, scales, floors[data.horizon], settings=settings) for data, scales in places]
+    left = readjusted(of.problem, of.final)
+    rises = [_rises(of, left, data, scales, floors[data.horizon], settings=settings) for data, scales in places]
     runs = of.problem.data.run
     lasts, several = _survives(runs, of.final, settings=settings), len(np.unique(runs)) > 1
     out = {}
@@ -111,9 +113,11 @@ def _size(of: FittedExplanation, term: Term, settings: ResultSettings) -> float:
 @dataclass(frozen=True, eq=False)
 class Rises:
     """By how much the squared gap over one horizon rises, in units of the squared floor: without (T,) each of the
-    effects, with only (T,) each of them, and with none."""
+    effects; lasting (T,): likewise, where the others' numbers make up for it as far as they can; with only (T,) each of
+    them, and with none."""
 
     without: np.ndarray
+    lasting: np.ndarray
     only: np.ndarray
     none: float
 
@@ -124,7 +128,7 @@ def _beside(horizons: Sequence[Rises], k: int) -> float:
     itself imitates the others, and what their laws lack looks like it the more: it counts half."""
     shares = []
     for rises in horizons:
-        own, others = float(rises.without[k]), np.delete(rises.without, k)
+        own, others = float(rises.lasting[k]), np.delete(rises.lasting, k)
         most = float(np.maximum(others, 0.0).max(initial=0.0))
         if not len(others) or not (most > 0.0 and np.isfinite([own, most]).all()):
             shares.append(np.inf)  # without an effect a prediction may diverge
@@ -146,19 +150,28 @@ def _shadow(values: Values, term: Term) -> float:
     return most
 
 
-def _rises(of: FittedExplanation, data: Dataset, scales: Scales, floor: float, settings: ResultSettings) -> Rises:
-    """How the squared gap on these windows rises without effects."""
+def _rises(
+    of: FittedExplanation,
+    left: Mapping[Term, Values],
+    data: Dataset,
+    scales: Scales,
+    floor: float,
+    settings: ResultSettings,
+) -> Rises:
+    """How the squared gap on these windows rises without effects; left: the readjusted values without each of them."""
     terms = of.final.terms
     keep = evenly(data, settings.support.steps, settings=settings.data)
     data = data if keep.all() else data.take(keep)
     none = {k: v for k, v in of.final.values.items() if k.effect == TUNE}
     only = [{**none, **{k: v for k, v in of.final.values.items() if k.term == t}} for t in terms]
-    rows = [of.final.values, *(without(of.final.values, t) for t in terms), *only, none]
+    less = [without(of.final.values, t) for t in terms]
+    rows = [of.final.values, *less, *(left[t] for t in terms), *only, none]
     errors = [data.y - p for p in predict(data, of.space.settings(rows))]
     trust = fit_trust(data, scales, errors[0], settings=settings.data)
-    whole, *less = [gap_of(data, scales, e, trust).total ** 2 for e in errors]
-    rises = (np.array(less) - whole) / max(floor**2, 1e-12)
-    return Rises(rises[: len(terms)], rises[len(terms) : -1], float(rises[-1]))
+    whole, *more = [gap_of(data, scales, e, trust).total ** 2 for e in errors]
+    rises = (np.array(more) - whole) / max(floor**2, 1e-12)
+    plain, moved, alone = rises[:-1].reshape(3, len(terms))
+    return Rises(plain, np.fmin(plain, moved), alone, float(rises[-1]))
 
 
 def _survives(run: np.ndarray, final: Fit, settings: ResultSettings) -> dict[Term, bool]:

@@ -44,7 +44,7 @@ def by_target(problem: Problem, parent: Fit, blocks: np.ndarray, settings: Searc
         stepped, drop = _linear_step(small, here, split, term, settings)
         knobs = len(split) - len(parent.values)
         if weight * drop / phi >= settings.beyond_doubt_most + settings.per_knob * knobs:
-            starts.append(stepped)
+            starts.append(_cheaper(small, split, stepped))
     if not starts:
         return []
     begun = fit_all(small, starts, settings.additions.rough, rough=True, settings=settings.fit)
@@ -70,8 +70,8 @@ def _split(space: Space, values: Values, term: Term) -> dict[Knob, float] | None
 def _linear_step(
     problem: Problem, parent: Fit, split: Values, term: Term, settings: SearchSettings
 ) -> tuple[dict[Knob, float], float]:
-    """The values of a split effect after a linear step of their sizes, within their bounds, and how much that step is
-    to lower the cost."""
+    """The values of a split effect after a linear step of their sizes, within their bounds, and how much the cost is to
+    fall by it where nothing bounds it."""
     space, out = problem.space, dict(split)
     free = [
         k
@@ -89,10 +89,15 @@ def _linear_step(
     columns = np.stack([(x.ravel() - r) / s for x, s in zip(moved, sizes, strict=True)], axis=1)
     columns, left = columns - basis @ (basis.T @ columns), r - basis @ (basis.T @ r)
     x = np.linalg.lstsq(columns, -left, rcond=1e-9)[0]
-    ends = np.array([np.clip(split[k] + d, *space.bounds(k)) for k, d in zip(free, x, strict=True)])
-    after = left + columns @ (ends - np.array([split[k] for k in free]))
-    out.update({k: float(v) for k, v in zip(free, ends, strict=True)})
+    out.update({k: float(np.clip(split[k] + d, *space.bounds(k))) for k, d in zip(free, x, strict=True)})
+    after = left + columns @ x
     return out, float(left @ left - after @ after)
+
+
+def _cheaper(problem: Problem, split: Values, stepped: Values) -> Values:
+    """The start with the lower cost: far from its minimum a linear step leads anywhere."""
+    before, after = np.sum(problem.residuals([split, stepped]).reshape(2, -1) ** 2, axis=-1)
+    return stepped if after < before else split
 
 
 def _moved(space: Space, knob: Knob, value: float, step: float) -> float:
