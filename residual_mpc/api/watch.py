@@ -78,7 +78,7 @@ def watch(
         made.of, lambda names: noise_over(robot.file, list(names)), robot.file.tunable, options, progress
     )
     of = Watch(
-        watched, cause, lambda: RowReader(robot.file, settings.arrivals),
+        watched, cause, lambda: RowReader(robot.file, robot.model.actuators, settings.arrivals),
         lambda run: check_columns([run], [made.of(run.name)]), noise, horizon, found, rng, settings,
     )  # fmt: skip
     arrivals = (
@@ -98,7 +98,7 @@ def _reference(
     runs = given
     if runs is None and model is not None:
         paths, described = diagnosed_runs(model)
-        runs = read_runs(robot, paths) if paths else None
+        runs = _read_again(robot, paths) if paths else None
     if runs is None:
         return None
     usable(runs)
@@ -110,6 +110,21 @@ def _reference(
         if given is not None:
             raise
         return None
+
+
+def _read_again(robot: NominalRobot, paths: Sequence[str]) -> Runs:
+    """The runs of a model's diagnosis, which the user did not name.
+
+    Raises BadInput where this robot file does not read them.
+    """
+    try:
+        return read_runs(robot, paths)
+    except BadInput as error:
+        raise BadInput(
+            f"the runs of the model's diagnosis cannot serve as the reference: {error.what}",
+            error.where,
+            "give steady runs with --reference",
+        ) from error
 
 
 def diagnosed_runs(model: Written) -> tuple[Sequence[str], str]:

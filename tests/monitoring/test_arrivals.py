@@ -25,7 +25,7 @@ ROBOT = 'name = "rover"\nplant = "diff_drive"\n[parameters]\nwheel_radius = 0.05
 @pytest.fixture
 def reader(tmp_path: Path) -> RowReader:
     (tmp_path / "robot.toml").write_text(ROBOT)
-    return RowReader(rm.load_robot(tmp_path / "robot.toml").file, SETTINGS)
+    return RowReader(rm.load_robot(tmp_path / "robot.toml").file, ("left", "right"), SETTINGS)
 
 
 def line(t: float, command: str = "1.0", x: float = 0.0) -> str:
@@ -275,6 +275,13 @@ def test_a_bad_row_is_left_out_and_the_others_are_not(reader: RowReader, bad: st
     (rows,) = reader.read(Arrival("run", "run.csv", HEADER, spoilt, fresh=early))
     assert reader.left_out == [bad]
     np.testing.assert_allclose(rows.stamps[-len(lines) :], [float(x.split(",")[0]) for x in lines])
+
+
+def test_a_log_of_other_actuators_is_refused(reader: RowReader) -> None:
+    """It has commands, but none of this robot: no window would ever be judged."""
+    header = HEADER.replace("command.left", "command.l").replace("command.right", "command.r")
+    with pytest.raises(BadInput, match=r"no column command\.left or command\.right was found"):
+        list(reader.read(Arrival("run", "run.csv", header, (line(0.0), line(0.1)), fresh=True)))
 
 
 def test_a_block_in_which_nothing_is_like_the_header_is_refused(reader: RowReader) -> None:

@@ -21,6 +21,7 @@ from benchmarks.findings.records import write_drive
 from benchmarks.watch import SETTINGS as ROBOTS
 from benchmarks.watch import table
 from residual_mpc.cli.main import main
+from residual_mpc.errors import BadInput
 from residual_mpc.monitoring.events import document_of
 from residual_mpc.monitoring.settings import DetectionSettings, WatchSettings
 
@@ -154,3 +155,15 @@ def test_the_reference_is_the_runs_of_the_diagnosis(place: Path, tmp_path: Path)
     told = document_of(first)
     assert told["event"] == "reference" and told["runs"] == 3 and told["windows"] == 480
     assert "diagnosis.json" in told["source"]
+
+
+def test_runs_of_the_diagnosis_that_this_robot_file_does_not_read_are_no_reference(place: Path, tmp_path: Path) -> None:
+    (tmp_path / "first.csv").write_text("time,speed\n0,1\n1,1\n")
+    document = {
+        "schema": "residual-mpc/diagnosis/1", "run_files": ["first.csv"],
+        "model": {"schema": "residual-mpc/model/1", "robot": "rover", "values": []},
+    }  # fmt: skip
+    (tmp_path / "diagnosis.json").write_text(json.dumps(document))
+    robot = rm.load_robot(place / "robot.toml")
+    with pytest.raises(BadInput, match=r"runs of the model's diagnosis cannot serve .* with --reference"):
+        next(rm.watch(robot, place / "changed", model=tmp_path / "diagnosis.json", once=True, settings=QUICK))

@@ -111,9 +111,9 @@ def _estimates(
     settings: ResultSettings,
 ) -> tuple[Estimate, ...]:
     """The numbers of an effect; lacking: the values of all numbers without a doubtful effect."""
-    spanned = {k: (*spread.aside.get(k, ()), *lacking.get(k, ())) for k in of.final.knobs}
+    others = {k: (*spread.others[k], *lacking.get(k, ())) for k in of.final.knobs}
     return tuple(
-        _estimate(of, i, float(spread.sigma[i]), unexplained, spanned[k], spread.others[k], settings=settings)
+        _estimate(of, i, float(spread.sigma[i]), unexplained, spread.aside.get(k, ()), others[k], settings=settings)
         for i, k in enumerate(of.final.knobs)
         if k.effect != TUNE and k.term == term
     )
@@ -228,9 +228,9 @@ def _estimate(
     others: tuple[float, ...],
     settings: ResultSettings,
 ) -> Estimate:
-    """aside: limits of the interval with small differences elsewhere, and values without a doubtful effect, which the
-    stated interval includes; others: values in sets that explain as much, and with a finer time step, which it includes
-    with an interval of the same width."""
+    """aside: limits of the interval with small differences elsewhere, which the stated interval includes; others:
+    values in sets that explain as much, without a doubtful effect, and with a finer time step, which it includes with
+    an interval of the same width."""
     knob, final, space = of.final.knobs[i], of.final, of.problem.space
     value = final.values[knob]
     unit = unit_of(space.robot, knob.term, BY_NAME[knob.effect].parameter(knob.parameter).unit)

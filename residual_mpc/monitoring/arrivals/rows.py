@@ -61,8 +61,8 @@ class RowReader:
     that are logged when they change are still held there.
     """
 
-    def __init__(self, robot: ColumnNames, settings: ArrivalSettings) -> None:
-        self._robot, self._settings = robot, settings
+    def __init__(self, robot: ColumnNames, actuators: Sequence[str], settings: ArrivalSettings) -> None:
+        self._robot, self._actuators, self._settings = robot, actuators, settings
         self._waiting: tuple[str, ...] = ()
         self._carried: tuple[str, ...] = ()
         self._begun = False
@@ -81,7 +81,7 @@ class RowReader:
         if arrival.fresh:
             self._waiting, self._carried, self._begun = (), (), False
             with _as_file(arrival, ()) as path:
-                _check_header(path, self._robot, arrival.source)
+                _check_header(path, self._robot, self._actuators, arrival.source)
         lines = (*self._carried, *self._waiting, *arrival.lines)
         if len(lines) < 2:
             self._waiting = lines
@@ -149,13 +149,16 @@ def _last_filled(header: str, lines: tuple[str, ...]) -> str:
     return mark.join(last)
 
 
-def _check_header(path: Path, robot: ColumnNames, source: str) -> None:
-    """Raises BadInput for a table without time, command or measured column: no number of rows would mend that."""
+def _check_header(path: Path, robot: ColumnNames, actuators: Sequence[str], source: str) -> None:
+    """Raises BadInput for a table without time, command or measured column, or without a command of this robot's
+    actuators: no number of rows would mend that."""
     (header,) = read_headers(path)
     columns = lay_out(header, robot.log_of(path.stem)).columns
+    commands, wanted = {n for n in columns if group(n) == "command"}, [f"command.{a}" for a in actuators]
     there = {
         "'t' (time stamps in s)": "t" in columns,
-        "command.<actuator>": any(group(n) == "command" for n in columns),
+        "command.<actuator>": bool(commands),
+        " or ".join(wanted): not commands.isdisjoint(wanted),
         "of a measurement (position.<joint>, pose.x, ...)": any(is_measured(n) for n in columns),
     }
     for what, found in there.items():
