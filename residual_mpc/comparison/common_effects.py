@@ -6,9 +6,9 @@ from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.units import Units
 from residual_mpc.diagnosis.fit.evidence import dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
+from residual_mpc.diagnosis.predict.effect_sets import without
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.additions import additions
-from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.models.settings import Values
 
 

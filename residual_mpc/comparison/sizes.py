@@ -11,7 +11,7 @@ from residual_mpc.comparison.space import ChangeSpace, change_between
 from residual_mpc.comparison.units import Units
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.predict.problem import Problem
-from residual_mpc.diagnosis.results.causes import AT_BOUND
+from residual_mpc.diagnosis.results.intervals import AT_BOUND
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.parameter_units import unit_of

@@ -16,7 +16,7 @@ from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.predict.references import BETWEEN, measure_references
 from residual_mpc.diagnosis.predict.replay import beyond
 from residual_mpc.diagnosis.predict.space import build_space
-from residual_mpc.diagnosis.results.causes import _of_mean_speeds
+from residual_mpc.diagnosis.results.intervals import _of_mean_speeds
 from residual_mpc.effects.command import delay_sequence, delay_start, delay_step
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.logs.run import Run

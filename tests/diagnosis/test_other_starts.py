@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,6 +14,7 @@ from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.search import other_starts
+from residual_mpc.diagnosis.search.acceptance import Ruler
 from residual_mpc.diagnosis.search.other_starts import begun_with, better_everywhere, other_start
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stepwise import Found
@@ -26,7 +28,8 @@ def found(
 ) -> Any:
     """What `other_start` reads of a search that took `first` first, from gaps; the noise alone makes one of 0.001."""
     steps = () if first is None else (SimpleNamespace(terms=first),)
-    ruler = SimpleNamespace(floor=0.001**2, squared=lambda fits: (nominal**2, left**2))
+    ruler: Any = SimpleNamespace(floor=0.001**2, squared=lambda fits: (nominal**2, left**2))
+    ruler.clear = partial(Ruler.clear, ruler)
     problem = SimpleNamespace(space=SimpleNamespace(candidates=candidates))
     return SimpleNamespace(steps=steps, ruler=ruler, fit=None, base=None, problem=problem)
 

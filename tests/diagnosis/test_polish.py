@@ -17,7 +17,7 @@ from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.fit.start_values import elsewhere, possible
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.space import build_space
-from residual_mpc.diagnosis.results.causes import sigmas
+from residual_mpc.diagnosis.results.intervals import sigmas
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob, Values

@@ -15,8 +15,9 @@ from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.search.acceptance import build_ruler
+from residual_mpc.diagnosis.search.beam import leaving_far_less
 from residual_mpc.diagnosis.search.settings import SearchSettings
-from residual_mpc.diagnosis.search.stepwise import Forward, Step, leaving_far_less
+from residual_mpc.diagnosis.search.stepwise import Forward, Step
 from residual_mpc.models.settings import Knob, Values
 
 LAG, TRACK = Knob("actuator_lag", None, "time_constant"), Knob("track_width", None, "scale")

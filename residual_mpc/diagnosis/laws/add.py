@@ -15,6 +15,7 @@ from residual_mpc.diagnosis.laws.named import named_twin, replaced, taken_up
 from residual_mpc.diagnosis.laws.proposal import Proposal
 from residual_mpc.diagnosis.laws.propose import propose, ripples
 from residual_mpc.diagnosis.laws.settings import LawSettings
+from residual_mpc.diagnosis.predict.effect_sets import without
 from residual_mpc.diagnosis.predict.longer_steps import on_longer_steps
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
@@ -22,7 +23,6 @@ from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.remainder.settings import RemainderSettings
-from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.effects.laws import KNOTS, curve, is_law
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.effects.surroundings import TORQUE_RIPPLE

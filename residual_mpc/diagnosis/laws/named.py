@@ -1,8 +1,8 @@
 """Named effects beside fitted laws: laws that are equivalent to an effect, and effects that a law has replaced."""
 
 from residual_mpc.diagnosis.laws.proposal import Proposal
+from residual_mpc.diagnosis.predict.effect_sets import without
 from residual_mpc.diagnosis.predict.space import Space
-from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.effects.laws import LawKind, is_law, kind_of
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models import optional

@@ -15,6 +15,7 @@ from residual_mpc.diagnosis.fit.polish import Polished, carry_on, polish
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.phases.search import Searched
+from residual_mpc.diagnosis.predict.effect_sets import without
 from residual_mpc.diagnosis.predict.horizons import HorizonWindows
 from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
@@ -33,7 +34,6 @@ from residual_mpc.diagnosis.search.optional_numbers import (
     with_all_free,
     without_numbers,
 )
-from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.effects.sensor import SENSOR_OUTLIERS
 from residual_mpc.models.settings import Settings, Term, Values
 

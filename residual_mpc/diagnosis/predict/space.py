@@ -20,6 +20,7 @@ from residual_mpc.diagnosis.predict.references import (
     measure_references,
     turned_of,
 )
+from residual_mpc.diagnosis.predict.unshown import numbers_of_still, uncovered
 from residual_mpc.effects.body import COULOMB
 from residual_mpc.effects.command import BREAKAWAY_LOSS, COMMAND_DELAY
 from residual_mpc.effects.drive import TURN_GAIN
@@ -276,19 +277,12 @@ def build_space(
     absent = [e for e in chosen if not slots[e.name] and (e.name in only or arm and e.lacking)]
     ruled_out |= {Term(e.name, None): e.lacking or "this robot cannot have it" for e in absent}
     references = measure_references(data)
-    ruled_out |= {t: why for t in candidates if (why := _uncovered(t, slots[t.effect], robot, references))}
+    ruled_out |= {t: why for t in candidates if (why := uncovered(t, slots[t.effect], robot, references))}
     candidates = tuple(t for t in candidates if t not in ruled_out)
     named = (name for name in robot.nominal() if any(fnmatch.fnmatchcase(name, p) for p in tunable))
-    held = _numbers_of_still(robot, still)
+    held = numbers_of_still(robot, still)
     free = tuple(Knob(TUNE, None, name) for name in named if not name.startswith(held))
     return Space(robot, slots, candidates, free, references, ruled_out, twins=_twins(data))
-
-
-def _numbers_of_still(robot: Robot, still: Collection[str]) -> tuple[str, ...]:
-    """How the names of nominal numbers begin that belong to joints that stand still, or to their actuators."""
-    driven = zip(robot.actuators, optional.actuator_joints(robot), strict=True)
-    resting = [j for j in optional.joints(robot) if f"position.{j}" in still]
-    return (*(f"joint.{j}." for j in resting), *(f"actuator.{a}." for a, j in driven if j in resting))
 
 
 def _twins(data: Dataset) -> tuple[frozenset[Term], ...]:
@@ -296,23 +290,6 @@ def _twins(data: Dataset) -> tuple[frozenset[Term], ...]:
     is switched off in between: it stops at once."""
     switched = any(b.drive.enabled is not None and not (b.drive.enabled == 1.0).all() for b in data.blocks)
     return () if switched else (frozenset({Term(COMMAND_DELAY.name, None), Term(SENSOR_DELAY.name, None)}),)
-
-
-def _uncovered(term: Term, slots: tuple[str, ...], robot: Robot, references: Mapping[tuple[str, str], float]) -> str:
-    """Why no run shows an effect that repeats with a joint's angle; empty where one may, and for other effects."""
-    least = [p for p in BY_NAME[term.effect].parameters if p.cover]
-    joint = slots[0] if term.target is None else term.target
-    if not least:
-        return ""
-    if joint in optional.sliding(robot):
-        return "the joint is prismatic and has no angle"
-    turned = turned_of(references, joint)
-    enough = least[0].cover * 2.0 * np.pi / least[0].upper
-    return (
-        ""
-        if turned > enough
-        else f"the joint turns by {turned:.2g} rad, less than the shortest ripple period in the search"
-    )
 
 
 def _terms(effect: Effect, slots: tuple[str, ...], data: Dataset) -> list[Term]:

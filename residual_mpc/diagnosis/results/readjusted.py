@@ -4,8 +4,8 @@ import numpy as np
 
 from residual_mpc.diagnosis.fit.cross_validation import LEAST
 from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.diagnosis.predict.effect_sets import without
 from residual_mpc.diagnosis.predict.problem import Problem
-from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 MOST = 5.0  # scales of a number: longer steps leave the range in which the derivatives hold

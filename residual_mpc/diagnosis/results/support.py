@@ -10,6 +10,7 @@ from residual_mpc.diagnosis.data.gap import Scales, fit_trust, gap_of
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.cross_validation import fold_values
 from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.diagnosis.predict.effect_sets import without
 from residual_mpc.diagnosis.predict.horizons import HorizonWindows
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.remainder.records import Rest
@@ -17,7 +18,6 @@ from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.readjusted import readjusted
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.verdict import HorizonGaps
-from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.effects.laws import kind_of
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Term, Values

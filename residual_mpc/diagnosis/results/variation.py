@@ -18,8 +18,8 @@ from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import Fit, on_problem
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
-from residual_mpc.diagnosis.results.causes import ANGLES
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
+from residual_mpc.diagnosis.results.intervals import ANGLES
 from residual_mpc.diagnosis.results.settings import ResultSettings, VariationSettings
 from residual_mpc.diagnosis.results.variation_records import Instant, Variation
 from residual_mpc.effects.laws import is_law

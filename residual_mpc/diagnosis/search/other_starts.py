@@ -12,7 +12,7 @@ from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales
 from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.fit.start_values import possible
-from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD, SMALL
+from residual_mpc.diagnosis.predict.noise_floor import SMALL
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.acceptance import squared_gaps
@@ -45,8 +45,7 @@ def _much_left(found: Found, settings: SearchSettings) -> bool:
     """Whether a search leaves more than the sensors can tell from nothing, and a good part of what there was: what is
     little beside other gaps is much where the nominal model had no more."""
     first, left = found.ruler.squared([found.base, found.fit])
-    good = settings.rivals.part_left**2 * first
-    return bool(left > max(AS_GOOD**2 * found.ruler.floor, min(SMALL**2, good)))
+    return bool(left > found.ruler.clear(min(SMALL**2, settings.rivals.part_left**2 * first)))
 
 
 def begun_with(problem: Problem, term: Term, settings: SearchSettings) -> Values | None:

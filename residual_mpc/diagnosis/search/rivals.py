@@ -8,7 +8,7 @@ import numpy as np
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, on_problem
 from residual_mpc.diagnosis.fit.start_values import possible
-from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
+from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet, without
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import Problem, wider_start
 from residual_mpc.diagnosis.search.acceptance import Ruler, squared_gaps
@@ -24,7 +24,7 @@ from residual_mpc.diagnosis.search.optional_numbers import with_shown
 from residual_mpc.diagnosis.search.screen import smaller
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stand_ins import interchangeable, stand_ins
-from residual_mpc.diagnosis.search.stepwise import Found, without
+from residual_mpc.diagnosis.search.stepwise import Found
 from residual_mpc.diagnosis.search.substitutes import counting_all
 from residual_mpc.diagnosis.search.visible_gaps import low_pass_for_another, told_over, with_gaps_seen, with_low_pass
 from residual_mpc.models.settings import Knob, Term, Values

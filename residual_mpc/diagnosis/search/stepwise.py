@@ -10,16 +10,17 @@ from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all
 from residual_mpc.diagnosis.fit.marginalisation import carrying
 from residual_mpc.diagnosis.fit.start_values import elsewhere
-from residual_mpc.diagnosis.predict.effect_sets import EffectSet
+from residual_mpc.diagnosis.predict.effect_sets import EffectSet, without
 from residual_mpc.diagnosis.predict.problem import Problem, about
 from residual_mpc.diagnosis.search.acceptance import Ruler, build_ruler, convincing, judge
 from residual_mpc.diagnosis.search.additions import NONE, additions, distinct, simplest_first
+from residual_mpc.diagnosis.search.beam import leaving_far_less, others, trimmed
 from residual_mpc.diagnosis.search.by_target import by_target, counted
 from residual_mpc.diagnosis.search.off_bounds import off_bounds
-from residual_mpc.diagnosis.search.optional_numbers import Makeup, freed, makeup, with_shown, without_numbers
+from residual_mpc.diagnosis.search.optional_numbers import freed, makeup, with_shown, without_numbers
 from residual_mpc.diagnosis.search.pairs import pairs
 from residual_mpc.diagnosis.search.settings import SearchSettings
-from residual_mpc.models.settings import TUNE, Knob, Term, Values
+from residual_mpc.models.settings import Term, Values
 
 
 @dataclass(frozen=True)
@@ -219,53 +220,6 @@ def refit(problem: Problem, fits: list[Fit], most: int = 6, *, settings: SearchS
     return fit_all(problem, [f.values for f in fits], most, settings=settings.fit)
 
 
-def trimmed(
-    problem: Problem, children: list[Fit], blocks: np.ndarray, seen: set[Makeup], settings: SearchSettings
-) -> list[Fit]:
-    """Cheapest first; of the first few that the data do not tell apart, sets that grew from different ones of the beam,
-    without a term that the others have made needless. seen: sets that the search has been at."""
-    tuned = settings.steps
-    if len(children) < 2:
-        return children
-    phi = dispersion(children[0], blocks)
-    near = [c for c in children[: tuned.trimmed] if len(c.terms) > 1 and c.cost <= children[0].cost + tuned.alike * phi]
-    if len(near) < 2:
-        return children
-    pairs = [(c, t) for c in near for t in c.terms if makeup(without(c.values, t)) not in seen]
-    fewer = fit_all(
-        problem,
-        [without(c.values, t) for c, t in pairs],
-        settings.additions.rough,
-        rough=True,
-        near=[c for c, _ in pairs],
-        settings=settings.fit,
-    )
-    best: dict[int, Fit] = {}
-    for (child, _), fit in zip(pairs, fewer, strict=True):
-        if fit.cost <= child.cost + tuned.needed * phi and (id(child) not in best or fit.cost < best[id(child)].cost):
-            best[id(child)] = fit
-    return distinct([best.get(id(c), c) for c in children])
-
-
-def leaving_far_less(ruler: Ruler, children: list[Fit], chosen: Fit, settings: SearchSettings) -> list[Fit]:
-    """The sets that leave a far smaller gap than the chosen one, the smallest first. Small differences elsewhere may
-    take up what tells two sets apart, so that their likelihoods are alike."""
-    rest = [c for c in children if makeup(c.values) != makeup(chosen.values)]
-    *gaps, own = ruler.squared([*rest, chosen])
-    far = settings.rivals.far_smaller * own
-    found = sorted(((g, i) for i, g in enumerate(gaps) if g < far), key=lambda pair: pair[0])
-    return [rest[i] for _, i in found]
-
-
-def others(ruler: Ruler, base: Fit, best: Fit, children: list[Fit], settings: SearchSettings) -> list[Fit]:
-    """Runners-up that the next step may start from as well: none where the best leaves little to explain, since a
-    greedy step goes wrong only while several causes still mix."""
-    first, now = ruler.squared([base, best])
-    if now - ruler.floor < settings.settled * (first - ruler.floor):
-        return []
-    return [c for c in children if frozenset(c.terms) != frozenset(best.terms)][: settings.beam - 1]
-
-
 def prune(
     problem: Problem,
     ruler: Ruler,
@@ -318,8 +272,3 @@ def prune(
             return kept
         current = weakest
     return current
-
-
-def without(values: Values, term: Term) -> dict[Knob, float]:
-    """The values less one term's."""
-    return {k: v for k, v in values.items() if k.effect == TUNE or k.term != term}

@@ -7,8 +7,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.fit.evidence import T95
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
-from residual_mpc.diagnosis.predict.effect_sets import EffectSet
-from residual_mpc.diagnosis.search.stepwise import without
+from residual_mpc.diagnosis.predict.effect_sets import EffectSet, without
 from residual_mpc.effects.laws import is_law
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.experiment.confirmation.agreement import (

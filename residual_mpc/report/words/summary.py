@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from residual_mpc.diagnosis.results.causes import AT_BOUND
+from residual_mpc.diagnosis.results.intervals import AT_BOUND
 from residual_mpc.report.words.effects import STATES, name, name_at, numbers_of, sentence_of, variation_clause
 from residual_mpc.report.words.gaps import at_horizon, hardest, ratio, size
 from residual_mpc.report.words.groups import or_else
