@@ -279,6 +279,13 @@ def test_header_stamps_say_when_and_the_delay_is_reported(tmp_path: Path) -> Non
     assert not [f for f in result.findings if f.kind.startswith("clock ")]
 
 
+def test_the_clocks_of_recordings_whose_topics_come_in_another_order_are_one_finding(tmp_path: Path) -> None:
+    first = [m for k, t in enumerate(STAMPS) for m in drive(k, t)]
+    paths = [write_bag(tmp_path / "a", first), write_bag(tmp_path / "b", first[1:])]
+    said = finding(read_runs(paths, ROVER), "clocks")
+    assert said.run == "" and said.message.startswith("/cmd_vel: time of receipt (no header); /odom: header stamps")
+
+
 @pytest.mark.parametrize(
     ("stamp", "fault"),
     [

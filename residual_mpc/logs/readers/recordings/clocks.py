@@ -81,7 +81,7 @@ def choose_clocks(clocks: Mapping[Key, TopicClock]) -> tuple[dict[Key, IntArray]
         key: np.where(clock.header > 0, clock.header, NO_STAMP) if sound[key] else clock.receive
         for key, clock in clocks.items()
     }
-    said = list(dict.fromkeys(_described(clock, sound[key]) for key, clock in clocks.items()))
+    said = sorted({_described(clock, sound[key]) for key, clock in clocks.items()})  # the same order in every recording
     remarks.append(Remark("info", "clocks", "t", "; ".join(said)))
     return stamps, remarks + _offsets([clocks[key] for key in clocks if sound[key]])
 
