@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,8 @@ HELD, FOLLOWED = 1.0, 0.8  # s over which motions are compared; correlation from
 ALIKE = 0.9  # likeness of a column's words to an actuator's or a joint's name
 BODY = ("command.linear", "command.angular")
 SIDES = {"wl": "left", "lw": "left", "wr": "right", "rw": "right"}
+ANGLES = frozenset("position positions pos angle angles ang".split())  # words of columns that hold no ticks
+RADIANS = (None, "rad", "radian", "radians", "rads")
 SURE = 0.99  # correlation of odometry and wheel speeds above which the odometry determines the wheels' geometry
 
 
@@ -44,6 +47,7 @@ def draft_built_in(name: str, paths: Sequence[str | Path]) -> Draft:
     for key in wanted:
         guess = _column(key, signals, words, known) or _wheel_speed(key, guesses, signals, words)
         guesses += [] if guess is None else [guess]
+    guesses += _wheel_angles(model.channels, signals, words, known)
     nominal = model.nominal()
     if set(WHEELS) <= set(nominal) and not any(g.what.startswith("command.") for g in guesses):
         sent = known if set(BODY) <= set(known) else _body_velocity(words)
@@ -126,6 +130,20 @@ def _wheel_speed(key: str, guesses: Sequence[Guess], signals: Signals, words: Ma
         if speed.correlation > max(CLEAR, angle.correlation):
             return Guess(key, name, f"it {speed.words(command)} as a speed", 0.8)
     return None
+
+
+def _wheel_angles(
+    channels: Sequence[str], signals: Signals, words: Mapping[str, ColumnName], known: Mapping[str, str]
+) -> list[Guess]:
+    """The columns of wheels' angles in rad, of which the model predicts the speeds alone."""
+    found = []
+    plain = {n: w for n, w in words.items() if set(w.every) & ANGLES and w.unit in RADIANS}
+    for speed in (c for c in channels if group(c) == "velocity"):
+        angle = f"position.{member(speed)}"
+        guess = None if angle in channels else _column(angle, signals, plain, known)
+        if guess is not None:
+            found.append(replace(guess, why=f"{guess.why}; its speed is used where {speed} is not logged"))
+    return found
 
 
 def wheel_speeds_in_named_units(words: Mapping[str, ColumnName], roles: Roles) -> tuple[LogCorrection, ...]:

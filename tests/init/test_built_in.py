@@ -60,6 +60,20 @@ def test_speeds_whose_names_say_rpm_are_converted(tmp_path: Path) -> None:
     assert float(radius.why.split("about ")[1].split(" m)")[0]) == pytest.approx(WHEEL_RADIUS, rel=0.2)
 
 
+@pytest.mark.parametrize("fast", [False, True])
+def test_angles_of_wheels_in_rad_are_named(tmp_path: Path, fast: bool) -> None:
+    """fast: beside their speeds."""
+    table = pd.read_csv(written(tmp_path))
+    for side in "lr":
+        table[f"w{side}_position"] = np.cumsum(table[f"w{side}_enc"]) * 0.02
+    table.drop(columns=[] if fast else ["wl_enc", "wr_enc"]).to_csv(tmp_path / "one.csv", index=False)
+    found = draft_built_in("diff_drive", [tmp_path / "one.csv"])
+    named = {g.what: g.value for g in found.guesses}
+    assert named["position.left"] == "wl_position" and named["position.right"] == "wr_position"
+    assert ("velocity.left" in named) == fast
+    assert not [m for m in found.unmatched if "position" in m.name]
+
+
 @pytest.mark.parametrize("lag", [0.01, 0.1])
 def test_the_motion_hints_at_the_geometry_and_does_not_set_it(tmp_path: Path, lag: float) -> None:
     """The rover of the log is the built-in one, in millimetres and degrees, behind slow motors."""

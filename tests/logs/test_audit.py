@@ -193,6 +193,15 @@ def test_a_run_whose_clock_is_off_is_named() -> None:
     assert [(f.kind, f.run) for f in findings if f.severity == "warning"] == [("clock offset", "run5")]
 
 
+def test_an_angle_beside_its_speed_is_no_strange_channel() -> None:
+    angle = {r.name: np.cumsum(r.columns["velocity.left"]) for r in wheels()}
+    turning = [replace(r, columns={**r.columns, "position.left": angle[r.name]}) for r in wheels()]
+    assert ("unused angle", "position.left") in kinds(audit(turning, WHEELS), "info")
+    assert not kinds(audit(turning, WHEELS))
+    alone = [replace(r, columns={k: v for k, v in r.columns.items() if k != "velocity.left"}) for r in turning]
+    assert ("unknown channel", "position.left") in kinds(audit(alone, WHEELS), "warning")
+
+
 def test_stamps_are_audited() -> None:
     first, second, third = arms()
     gap = replace(second, t=np.where(np.arange(1000) < 500, second.t, second.t + 2.0))

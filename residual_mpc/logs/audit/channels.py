@@ -86,10 +86,11 @@ def _channels(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
                 "map the columns under [log] in the robot file, or leave these runs out",
             )
         )
+    findings += _angles(runs, robot)
     findings += _strange(
         runs,
         robot.channels,
-        lambda run: (n for n in run.measured if group(n) != "effort"),
+        lambda run: (n for n in run.measured if group(n) != "effort" and not _has_speed(n, run, robot)),
         "unknown channel",
         "the robot's model does not predict this channel; the column is not compared",
         "",
@@ -99,6 +100,25 @@ def _channels(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
         if empty:
             run, words = _where(empty, runs)
             findings.append(Finding("info", "empty column", run, name, None, f"{name} has no values {words}"))
+    return findings
+
+
+def _has_speed(name: str, run: Run, robot: RobotFacts) -> bool:
+    """Whether a column is an angle that the model does not predict beside its speed, which it does."""
+    speed = f"velocity.{member(name)}"
+    angle = group(name) == "position" and name not in robot.channels
+    return angle and speed in robot.channels and speed in run.columns
+
+
+def _angles(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
+    """Those of wheels whose speeds are logged as well, which say the same."""
+    findings = []
+    for name in dict.fromkeys(n for run in runs for n in run.measured):
+        where = [run.name for run in runs if name in run.measured and _has_speed(name, run, robot)]
+        if where:
+            run, words = _where(where, runs)
+            message = f"{name} ({words}): the angle is not used, since its speed velocity.{member(name)} is logged"
+            findings.append(Finding("info", "unused angle", run, name, None, message))
     return findings
 
 
