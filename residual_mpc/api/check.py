@@ -145,6 +145,7 @@ def _read(robot_file: RobotFile, paths: Sequence[str]) -> tuple[tuple[Run, ...],
                 good.append(table)
             except BadInput as fault:
                 faults.append(_fault("table", "", fault))
+    faults = list(dict.fromkeys(faults))  # one of the robot file is found with every table
     if not faults:  # each is sound alone: the fault is in their being together
         return (), [_fault("table", "", whole)]
     if not good:
@@ -220,12 +221,11 @@ def _finding_lines(findings: Sequence[Finding]) -> list[str]:
     alike: dict[tuple[str, str, str, str], list[str]] = {}
     for f in findings:
         if f.kind != "unknown column":  # the runs' own lines list these
-            alike.setdefault((f.severity, f.column, f.message, f.remedy), []).append(f.run)
+            alike.setdefault((f.severity, f.about, f.message, f.remedy), []).append(f.run)
     out = []
-    for (severity, column, message, remedy), runs in alike.items():
+    for (severity, about, message, remedy), runs in alike.items():
         named = [r for r in runs if r]
-        run = f"{named[0]} and {len(named) - 1} more runs" if len(named) > 1 else "".join(named)
-        about = "" if column in message else column  # most messages begin with the column
+        run = f"{named[0]} and {count(len(named) - 1, 'more run')}" if len(named) > 1 else "".join(named)
         where = "".join(f"{x}: " for x in (run, about) if x)
         mend = f" -> {remedy}" if remedy else ""
         out.append(f"{severity}: {where}{message}{mend}")

@@ -93,7 +93,7 @@ def _command(words: list[str]) -> str:
 
 def _report(drafted: "Draft", trial: "Trial", out: Path, following: str, mended: Path | None) -> None:
     for finding in trial.findings:
-        where = ", ".join(x for x in (finding.run, finding.column) if x)
+        where = ", ".join(x for x in (finding.run, finding.about) if x)
         remedy = f" -> {finding.remedy}" if finding.remedy else ""
         click.echo(f"{finding.severity}: {where + ': ' if where else ''}{finding.message}{remedy}")
     rivals = sum(bool(g.rivals) for g in drafted.guesses)

@@ -35,3 +35,8 @@ class Finding:
     row: int | None
     message: str
     remedy: str = ""
+
+    @property
+    def about(self) -> str:
+        """The column, where the message does not name it."""
+        return "" if self.column in self.message else self.column

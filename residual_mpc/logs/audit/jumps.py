@@ -46,7 +46,8 @@ def _spikes(name: str, runs: Sequence[Run], found: Sequence[Mapping[str, Jumps]]
     if alone:
         return [Finding(severity, "spikes", first.name, name, row, message)]  # type: ignore[arg-type]
     shares = ", ".join(f"{run.name} ({int(flags.sum())})" for run, flags in jumping[:NAMED])
-    more = f" and {len(jumping) - NAMED} more runs" if len(jumping) > NAMED else ""
+    rest = len(jumping) - NAMED
+    more = f" and {rest} more run{'s' if rest > 1 else ''}" if rest > 0 else ""
     message = f"{message} of {first.name}; outliers per run: {shares}{more}"
     return [Finding(severity, "spikes", "", name, None, message)]  # type: ignore[arg-type]
 

@@ -119,10 +119,10 @@ def _smooth(x: np.ndarray) -> np.ndarray:
 def _slow_sensor(name: str, runs: Sequence[Run]) -> list[Finding]:
     fresh = sum(int(fresh_samples(run.columns[name]).sum()) for run in runs)
     present = sum(int(np.isfinite(run.columns[name]).sum()) for run in runs)
-    total = sum(len(run.t) for run in runs)
-    time = sum(float(run.t[-1] - run.t[0]) for run in runs)
+    total = sum(len(run.sampled) for run in runs)
     if fresh > SLOWER * total:
         return []
+    rate = 1.0 / float(np.median([run.period for run in runs]))
     how = "is missing" if fresh > SLOWER * present else "repeats its value"
-    message = f"{name} updates at about {fresh / time:.3g} Hz and {how} in between; the log has {total / time:.3g} Hz"
+    message = f"{name} updates at about {rate * fresh / total:.3g} Hz and {how} in between; the log has {rate:.3g} Hz"
     return [Finding("info", "slow sensor", "", name, None, message)]
