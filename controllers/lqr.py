@@ -88,7 +88,7 @@ class Lqr:
 
     def with_parameters(self, p: np.ndarray) -> "Lqr":
         """Raises BadInput: gains along a trajectory are worked out beforehand."""
-        raise BadInput("LQR does not support online learning", self.model.robot.name, "use --controller mpc")
+        raise BadInput("LQR does not support online learning", self.model.robot.name, "use MPC")
 
 
 def build_lqr(model: Augmented, path: np.ndarray, settings: MpcSettings, at: Mapping[str, float] | None = None) -> Lqr:

@@ -32,7 +32,7 @@ def write_bytes_atomically(path: Path, content: bytes) -> None:
             Path(part.name).unlink(missing_ok=True)
             raise
     except OSError as error:
-        raise BadInput(f"cannot be written: {error.strerror}", str(path), "choose another folder with --out") from error
+        raise BadInput(f"cannot be written: {error.strerror}", str(path), "choose another folder") from error
 
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:

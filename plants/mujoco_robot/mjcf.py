@@ -34,7 +34,7 @@ def to_mjcf(robot: CompiledRobot, settings: Settings, folder: Path) -> Mjcf:
     if robot.spec is None or robot.settings:
         why = "it has no model file of its own" if robot.spec is None else "its variants use several models"
         raise BadInput(
-            f"{robot.name!r} cannot be exported as MJCF: {why}", "--to mjcf", "export each model file separately"
+            f"{robot.name!r} cannot be exported as MJCF: {why}", "`to=mjcf`", "export each model file separately"
         )
     reasons = {e: not_held(BY_NAME[e]) for e in settings.effects}
     if GRAVITY_COMPENSATION.name in reasons:
@@ -130,7 +130,7 @@ def write_memory(spec: "mujoco.MjSpec", settings: Settings) -> None:
         if lag > 0:
             if actuator.dyntype != mujoco.mjtDyn.mjDYN_NONE:
                 raise BadInput(
-                    f"actuator {actuator.name!r} already has dynamics, so a lag cannot be added", "--to mjcf",
+                    f"actuator {actuator.name!r} already has dynamics, so a lag cannot be added", "`to=mjcf`",
                     "use the built-in simulator",
                 )  # fmt: skip
             actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT

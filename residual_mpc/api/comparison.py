@@ -120,17 +120,17 @@ def compare(
     check_given(robot, before, after)
     check_seconds(horizon, "horizon")
     if not before.runs or not after.runs:
-        raise BadInput("must name at least one run", "--after" if before.runs else "--before")
+        raise BadInput("must name at least one run", "`after`" if before.runs else "`before`")
     settings = ComparisonSettings()
     _distinct(before, after)
-    for runs, option in ((before, "--before"), (after, "--after")):
+    for runs, option in ((before, "`before`"), (after, "`after`")):
         _long_enough(runs, option, horizon, settings.contrast.unit)
     names = (*before.names, *after.names)
     made = RunModels(robot, refuted_by(robot.model, (*before.runs, *after.runs)))
     options = Options(
         horizon=horizon,
-        only=possible_effects(only, "--only", (*before.models, *after.models)),
-        without=effect_names(without, "--without"),
+        only=possible_effects(only, "`only`", (*before.models, *after.models)),
+        without=effect_names(without, "`without`"),
         without_because=not_commanded(robot.model, measured_over(robot.file, list(names))),
     )
     given = ComparisonInput(
@@ -157,7 +157,7 @@ def _distinct(before: Runs, after: Runs) -> None:
         twin = next((r for r in before if _equal(r, run)), None)
         if twin is not None:
             where = run.name if run.name == twin.name else f"{run.name} and {twin.name}"
-            raise BadInput("the same run is in --before and in --after", where, "give two sets that share no run")
+            raise BadInput("the same run is in `before` and in `after`", where, "give two sets that share no run")
 
 
 def _equal(a: Run, b: Run) -> bool:

@@ -169,7 +169,7 @@ def confirm(
             "diagnose the new runs together with the old ones",
         )  # fmt: skip
     if out is not None and _same_folder(earlier.where, Path(out)) and evidence is None:
-        raise BadInput("would overwrite the diagnosis that is tested", str(out), "choose another folder with --out")
+        raise BadInput("would overwrite the diagnosis that is tested", str(out), "choose another folder")
     seen = _files(earlier, document)
     _unseen(runs, seen, document)
     try:

@@ -120,7 +120,7 @@ class Diagnosis:
         """
         check_video(Path(path))
         if not self.evidence.clips:
-            raise BadInput("there is no motion to show", "--video", self.evidence.drawing)
+            raise BadInput("there is no motion to show", "`video`", self.evidence.drawing)
         write_video(self.evidence.clips, Path(path))
         return Path(path)
 
@@ -185,8 +185,8 @@ def diagnose(
     because = not_commanded(robot.model, measured_over(robot.file, list(runs.names)))
     options = Options(
         horizon=horizon,
-        only=possible_effects(only, "--only", runs.models),
-        without=effect_names(without, "--without"),
+        only=possible_effects(only, "`only`", runs.models),
+        without=effect_names(without, "`without`"),
         without_because=because,
         held_out=_kept(held_out, runs.names) if held_out else None,
         start={} if start is None else _start(start, robot),
@@ -269,6 +269,6 @@ def _kept(given: Sequence[str], names: Sequence[str]) -> tuple[KeptBack, ...]:
     for text in given:
         found = [n for n in names if any(n == t or fnmatchcase(n, t) for t in (text, Path(text).stem))]
         if not found:
-            raise BadInput(f"no run matches {text!r}", "--held-out", f"the runs are {', '.join(names[:12])}")
+            raise BadInput(f"no run matches {text!r}", "`held_out`", f"the runs are {', '.join(names[:12])}")
         out += [KeptBack(n) for n in found]
     return tuple(dict.fromkeys(out))

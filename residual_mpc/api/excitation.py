@@ -97,7 +97,7 @@ def excite(
         checkpoint.close()
     warnings = tuple(
         f"{p.motion.name}: a joint is predicted to leave its range even for a small motion; reduce the command range "
-        "with --limit, or supervise the robot"
+        "with `limits`, or supervise the robot"
         for p in plan.played
         if not p.within
     )

@@ -162,7 +162,7 @@ def held_out_mask_of(written: Written, data: Any) -> np.ndarray:
     """(W,) the windows that a diagnosis kept back; all of them where only its held-out runs are given."""
     kept = _kept(written)
     if not kept:
-        raise BadInput("the diagnosis held nothing out", written.where, "omit --held-out-of")
+        raise BadInput("the diagnosis held nothing out", written.where, "leave out `held_out_of`")
     names = {data.runs[i].name for i in np.unique(data.run)}
     if {k.run for k in kept} >= names and all(k.start is None for k in kept):
         return np.ones(data.count, dtype=bool)

@@ -133,7 +133,7 @@ def learn(
         if isinstance(source, str | Path):
             check_not_over(source, folder)
     if step is not None:
-        check_seconds(step, "--step")
+        check_seconds(step, "`step`")
     if passes < 1 or not hidden or min(hidden) < 1:
         raise BadInput(
             f"passes and the nodes of each hidden layer must be 1 or more, got {passes} and {tuple(hidden)}", "learn",
@@ -163,7 +163,7 @@ def _task(
     robot: NominalRobot, runs: Runs, case: str, on: Source | None, warm_start: Source | None, form: str | None
 ) -> Task:
     if case not in CASES:
-        raise BadInput(f"unknown case {case!r}", "--case", f"give one of {', '.join(CASES)}")
+        raise BadInput(f"unknown case {case!r}", "`case`", f"give one of {', '.join(CASES)}")
     if form is not None:
         check_form(form, runs.models[0])
     values: Values = {}
@@ -173,7 +173,7 @@ def _task(
         if residual_in(below) is not None:
             raise BadInput(
                 "the model already contains a learned network; a new one would replace it", below.where,
-                "give the diagnosis that it was learned on as --on, and this file as --warm-start to go on from it",
+                "give the diagnosis that it was learned on as `on`, and this file as `warm_start` to go on from it",
             )  # fmt: skip
         values, leaves_out = fitting(below, runs.models[0])
         warn_of_differences(model_content(below), robot.model, below.where)

@@ -156,7 +156,7 @@ class AugmentedModel:
         elif to in TARGETS:
             document = write_model(self.augmented, to, where, np.random.default_rng(seed))
         else:
-            raise BadInput(f"unknown export format {to!r}", "--to", f"give one of {', '.join((*TARGETS, *MODELS))}")
+            raise BadInput(f"unknown export format {to!r}", "`to`", f"give one of {', '.join((*TARGETS, *MODELS))}")
         return {**document, "folder": str(where)}
 
     def _servo_table(self, where: Path, beside: Sequence[Source]) -> dict[str, Any]:

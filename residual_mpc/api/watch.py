@@ -94,7 +94,7 @@ def _reference(
     rng: np.random.Generator, settings: WatchSettings, progress: Progress,
 ) -> Reference | None:  # fmt: skip
     """The reference before anything arrives; None where it has to be learned from the stream."""
-    described = "the runs given with --reference"
+    described = "the runs given as `reference`"
     runs = given
     if runs is None and model is not None:
         paths, described = diagnosed_runs(model)
@@ -123,7 +123,7 @@ def _read_again(robot: NominalRobot, paths: Sequence[str]) -> Runs:
         raise BadInput(
             f"the runs of the model's diagnosis cannot serve as the reference: {error.what}",
             error.where,
-            "give steady runs with --reference",
+            "give steady runs as `reference`",
         ) from error
 
 

@@ -22,6 +22,7 @@ from residual_mpc.cli.common import (
     writable_folder,
 )
 from residual_mpc.cli.many import TakingMany
+from residual_mpc.cli.options import with_options
 from residual_mpc.cli.progress import progress_bar
 from residual_mpc.errors import BadInput
 
@@ -234,6 +235,6 @@ def _save_video(found: "Diagnosis", video: Path) -> bool:
     try:
         found.save_video(video)
     except BadInput as error:
-        click.echo(f"warning: no video: {error}", err=True)
+        click.echo(f"warning: no video: {with_options(str(error))}", err=True)
         return False
     return True

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from residual_mpc.cli.common import emit, json_option, robot_option, seed_option
+from residual_mpc.cli.options import with_options
 from residual_mpc.cli.progress import progress_bar
 
 
@@ -67,7 +68,7 @@ def excite(
     if diagnosis is not None and plan.document["purpose"] == "protocol":
         click.echo("this diagnosis left nothing to tell apart: planning a general set of motions", err=True)
     for warning in plan.warnings:
-        click.echo(f"warning: {warning}", err=True)
+        click.echo(f"warning: {with_options(warning)}", err=True)
     plan.save(out)
     if as_json:
         emit({"excite": {**plan.document, "file": str(out)}})

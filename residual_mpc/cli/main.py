@@ -7,6 +7,7 @@ from typing import TextIO
 
 import click
 
+from residual_mpc.cli.options import with_options
 from residual_mpc.errors import BadInput
 
 
@@ -63,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         cli.main(args=None if arguments is None else list(arguments), standalone_mode=False)
     except BadInput as error:
-        click.echo(f"residual-mpc: {error}", err=True)
+        click.echo(f"residual-mpc: {with_options(str(error))}", err=True)
         sys.exit(2)
     except click.UsageError as error:
         error.show()
@@ -91,7 +92,7 @@ def _tell_warnings() -> None:
         file: TextIO | None = None, line: str | None = None,
     ) -> None:  # fmt: skip
         if category.__module__.startswith("residual_mpc."):
-            click.echo(f"warning: {message}", err=True)
+            click.echo(f"warning: {with_options(str(message))}", err=True)
         else:
             usual(message, category, filename, lineno, file, line)
 

@@ -71,7 +71,7 @@ def space_for(given: ComparisonInput, sets: TwoSets) -> ChangeSpace:
     if not whole.candidates:
         raise BadInput(
             "no effect is left that these runs of this robot could show to have changed",
-            "--only" if options.only else "--without" if options.without else "",
+            "`only`" if options.only else "`without`" if options.without else "",
             "leave out fewer effects, or record longer runs",
         )
     return change_space(whole, given.robots[: len(given.before)], given.robots[len(given.before) :])

@@ -78,7 +78,7 @@ def setup_from_model(robot: Robot, limits: Mapping[str, tuple[float, float]]) ->
     if missing:
         raise BadInput(
             f"no command limits are known for {', '.join(missing)}", robot.name,
-            "set them with " + " ".join(f"--limit {a}=LOW:HIGH" for a in missing),
+            "set them with `limits={" + ", ".join(f'"{a}": (LOW, HIGH)' for a in missing) + "}`",
         )  # fmt: skip
     low, high, home = _ranges(robot, known)
     start = dict.fromkeys((s.position for s in robot.states), 0.0)
@@ -101,12 +101,12 @@ def _check_limits(robot: Robot, limits: Mapping[str, tuple[float, float]]) -> No
     for actuator, (low, high) in limits.items():
         if actuator not in robot.actuators:
             raise BadInput(
-                f"unknown actuator {actuator!r}", "--limit", f"the actuators are {', '.join(robot.actuators)}"
+                f"unknown actuator {actuator!r}", "`limits`", f"the actuators are {', '.join(robot.actuators)}"
             )
         if not (np.isfinite([low, high]).all() and low < high):
             raise BadInput(
                 f"the limits of {actuator} must be two finite numbers, the lower one first, got {low} and {high}",
-                "--limit", "the commands of the plan go as far as these limits",
+                "`limits`", "the commands of the plan go as far as these limits",
             )  # fmt: skip
 
 

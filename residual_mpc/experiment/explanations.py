@@ -41,7 +41,7 @@ def explanations_of(
         raise BadInput(f"its explanations cannot be read: {error!r}", where, "diagnose the runs again") from error
     if of != robot.name:
         raise BadInput(
-            f"the diagnosis must be of {robot.name!r}, got one of {of!r}", where, "name its robot with --robot"
+            f"the diagnosis must be of {robot.name!r}, got one of {of!r}", where, "give its robot as `robot`"
         )
     for explanation in found:
         check_fits(explanation.values, robot, of, where)

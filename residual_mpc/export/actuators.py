@@ -50,7 +50,7 @@ def write_actuators(
     settings = settings_from(written, robot)
     if not isinstance(robot, ListsActuators):
         raise BadInput(
-            f"{robot.name!r} has no table of actuators", "--to actuators", "export to casadi, c or jax"
+            f"{robot.name!r} has no table of actuators", "`to=actuators`", "export to casadi, c or jax"
         )  # fmt: skip
     dt = physics_dt or robot.step
     values, left_out = robot.actuator_values(settings), (*robot.not_of_actuators(settings), *network_in(written))

@@ -43,7 +43,7 @@ def write_servo_table(
     settings_from(written, robot)
     rows = servo_rows(model_content(written) if found is None else found, robot, file)
     if not rows:
-        raise BadInput(f"{robot.name!r} has no table of actuators", "--to servo-table", "export to casadi, c or jax")
+        raise BadInput(f"{robot.name!r} has no table of actuators", "`to=servo-table`", "export to casadi, c or jax")
     together = across([rows, *(servo_rows(other, robot, file) for other in beside)]) if beside else {}
     folder.mkdir(parents=True, exist_ok=True)
     write_atomically(folder / TABLE, _wide(rows, together))

@@ -21,5 +21,5 @@ def robot_beside(document: Mapping[str, object], file: Path) -> str:
     if name in {e.name for e in entry_points(group=GROUP)}:
         return name
     raise BadInput(
-        f"it is a model of {name!r}, whose robot file was not found", str(file), "name the file with --robot"
+        f"it is a model of {name!r}, whose robot file was not found", str(file), "give the file as `robot`"
     )

@@ -77,7 +77,7 @@ def write_sysid(
     """
     settings_from(written, robot)
     if not isinstance(robot, WritesSysid):
-        raise BadInput(f"{robot.name!r} is no MuJoCo model", "--to sysid", "export to casadi, c or jax")
+        raise BadInput(f"{robot.name!r} is no MuJoCo model", "`to=sysid`", "export to casadi, c or jax")
     if residual_in(written) is not None:
         raise BadInput("a parameter set cannot contain a network", written.where, "export the diagnosis itself")
     raw, intervals = model_in(written)[1], _intervals(explanation)

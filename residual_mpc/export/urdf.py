@@ -21,7 +21,7 @@ def write_urdf(written: Written, robot: Robot, file: RobotFile, folder: Path) ->
     """
     settings = settings_from(written, robot)
     if not isinstance(robot, WritesUrdf) or file.model is None:
-        raise BadInput(f"{robot.name!r} has no URDF", "--to urdf", "export to casadi, c or jax")
+        raise BadInput(f"{robot.name!r} has no URDF", "`to=urdf`", "export to casadi, c or jax")
     if residual_in(written) is not None:
         raise BadInput("a URDF cannot contain a network", written.where, "export the diagnosis that it was learned on")
     made = robot.to_urdf(settings, file, folder)

@@ -46,8 +46,8 @@ def write_model(model: Augmented, to: Target, folder: Path, rng: np.random.Gener
         for name in (*files, "export.json"):
             (folder / name).unlink(missing_ok=True)
         raise BadInput(
-            "the exported step gives values that are not finite where the model is sampled", f"--to {to}",
-            "export without --smooth; if that fails too, a number of the model may be far out of range",
+            "the exported step gives values that are not finite where the model is sampled", f"`to={to}`",
+            "export without `smooth`; if that fails too, a number of the model may be far out of range",
         )  # fmt: skip
     document = describe(model, c, to, files, apart)
     write_atomically(folder / "export.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
@@ -62,7 +62,7 @@ def write_mjcf(written: Written, robot: Robot, folder: Path) -> dict[str, Any]:
     settings = settings_from(written, robot)
     if not isinstance(robot, WritesMjcf):
         raise BadInput(
-            f"{robot.name!r} is not a rigid-body model and cannot be exported as MJCF", "--to mjcf",
+            f"{robot.name!r} is not a rigid-body model and cannot be exported as MJCF", "`to=mjcf`",
             "export to casadi, c or jax",
         )  # fmt: skip
     if residual_in(written) is not None:
@@ -227,7 +227,7 @@ def write_network(residual: Residual | None, robot: str, folder: Path) -> dict[s
     from residual_mpc.export.onnx_network import to_onnx
 
     if residual is None:
-        raise BadInput("the model contains no network", "--to onnx", "learn one with `residual-mpc learn`")
+        raise BadInput("the model contains no network", "`to=onnx`", "learn one with `residual-mpc learn`")
     folder.mkdir(parents=True, exist_ok=True)
     apart = to_onnx(residual, folder / "residual.onnx")
     document = {

@@ -40,14 +40,14 @@ def check_compatible(earlier: Residual, blank: Residual, source: str) -> None:
             raise BadInput(
                 f"the {what} of its residual must be {', '.join(wanted)}, got {', '.join(came)}",
                 source,
-                f"it was learned on {earlier.robot}: start from a residual of this robot, or without --warm-start",
+                f"it was learned on {earlier.robot}: start from a residual of this robot, or without `warm_start`",
             )
     if earlier.form != blank.form or abs(earlier.step - blank.step) > ALIKE * blank.step:
         raise BadInput(
             f"its residual must have form {blank.form} and step {blank.step:g} s, "
             f"got {earlier.form} and {earlier.step:g} s",
             source,
-            "learn both residuals with the same --form and --step",
+            "learn both residuals with the same `form` and `step`",
         )
 
 

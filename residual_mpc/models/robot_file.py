@@ -173,7 +173,7 @@ def _motors_in(variant: Variant) -> Entries:
 
 def _named(text: str, path: Path) -> RobotFile:
     if not text.strip():
-        raise BadInput("--robot must be a robot file or the name of a built-in robot, got an empty string")
+        raise BadInput("the robot must be a robot file or the name of a built-in robot, got an empty string")
     if path.is_dir() and (path / "robot.toml").is_file():
         raise BadInput("must be a robot file, got a folder", text, f"give {path / 'robot.toml'}")
     if (path.suffix and ":" not in text) or len(path.parts) > 1:

@@ -43,23 +43,23 @@ def runs(robot: rm.NominalRobot, folder: Path, *names: str) -> rm.Runs:
 
 def test_a_run_in_both_sets(robot: rm.NominalRobot, folder: Path, tmp_path: Path) -> None:
     before = runs(robot, folder, "r0", "r1")
-    with pytest.raises(rm.BadInput, match=r"r1: the same run is in --before and in --after"):
+    with pytest.raises(rm.BadInput, match=r"r1: the same run is in `before` and in `after`"):
         rm.compare(robot, before, runs(robot, folder, "r1", "r2"))
     (tmp_path / "copy.csv").write_bytes((folder / "r0.csv").read_bytes())
     with pytest.raises(rm.BadInput, match=r"copy and r0: the same run"):
         rm.compare(robot, before, runs(robot, tmp_path, "copy"))
 
 
-@pytest.mark.parametrize("side", ["--before", "--after"])
+@pytest.mark.parametrize("side", ["`before`", "`after`"])
 def test_a_set_without_runs(robot: rm.NominalRobot, folder: Path, side: str) -> None:
     some = runs(robot, folder, "r0", "r1")
     none = replace(some, runs=(), models=(), paths=())
-    sets = (none, some) if side == "--before" else (some, none)
+    sets = (none, some) if side == "`before`" else (some, none)
     with pytest.raises(rm.BadInput, match=f"{side}: must name at least one run"):
         rm.compare(robot, *sets)
 
 
-@pytest.mark.parametrize("side", ["--before", "--after"])
+@pytest.mark.parametrize("side", ["`before`", "`after`"])
 def test_one_run_that_is_too_short(robot: rm.NominalRobot, folder: Path, side: str) -> None:
     some = runs(robot, folder, "r0", "r1")
     run = some[0]
@@ -67,7 +67,7 @@ def test_one_run_that_is_too_short(robot: rm.NominalRobot, folder: Path, side: s
     one = replace(some, runs=(short,), models=some.models[:1])
     others = runs(robot, folder, "r2", "r3")
     with pytest.raises(rm.BadInput, match=rf"{side}, r0: one run of 0.5 s .* at least 2 stretches of 3 s"):
-        rm.compare(robot, *((one, others) if side == "--before" else (others, one)))
+        rm.compare(robot, *((one, others) if side == "`before`" else (others, one)))
 
 
 def test_a_stretch_is_no_shorter_than_the_horizon(robot: rm.NominalRobot, folder: Path) -> None:
@@ -79,13 +79,13 @@ def test_a_stretch_is_no_shorter_than_the_horizon(robot: rm.NominalRobot, folder
 def test_an_effect_that_nobody_knows(robot: rm.NominalRobot, folder: Path, option: str) -> None:
     sets = (runs(robot, folder, "r0", "r1"), runs(robot, folder, "r2", "r3"))
     chosen: dict[str, Any] = {option: ("track_with",)}
-    with pytest.raises(rm.BadInput, match=rf"--{option}: unknown effect 'track_with'. Did you mean 'track_width'"):
+    with pytest.raises(rm.BadInput, match=rf"`{option}`: unknown effect 'track_with'. Did you mean 'track_width'"):
         rm.compare(robot, *sets, **chosen)
 
 
 def test_an_effect_that_the_robot_cannot_have(robot: rm.NominalRobot, folder: Path) -> None:
     sets = (runs(robot, folder, "r0", "r1"), runs(robot, folder, "r2", "r3"))
-    with pytest.raises(rm.BadInput, match=r"--only: rover cannot have the effect 'payload'"):
+    with pytest.raises(rm.BadInput, match=r"`only`: rover cannot have the effect 'payload'"):
         rm.compare(robot, *sets, only="payload")
 
 

@@ -76,7 +76,7 @@ def test_runs_that_the_audit_forbids_are_read_and_refused_by_what_would_use_them
         with pytest.raises(rm.BadInput) as fault:
             use()
         assert fault.value.what == check.errors[0].message and fault.value.remedy == check.errors[0].remedy
-        assert "pose.theta" in fault.value.where
+        assert str(fault.value).count("pose.theta") == 2  # what it is, and how to mend it
 
 
 def test_a_table_that_cannot_be_read_is_a_finding_beside_those_that_can(
@@ -137,7 +137,7 @@ def test_a_case_that_there_is_not_is_refused_with_those_that_there_are(robot: rm
         (lambda robot, runs: rm.diagnose(robot, runs, only="nope"), "unknown effect 'nope'"),
         (
             lambda robot, runs: rm.diagnose(robot, runs, only=("armature", "payload")),
-            "--only: rover cannot have the effects 'armature', 'payload'. The effects that it can have are",
+            "`only`: rover cannot have the effects 'armature', 'payload'. The effects that it can have are",
         ),
         (lambda robot, runs: rm.diagnose(robot, runs, horizon=-1.0), "positive number of seconds, got -1.0"),
         (lambda robot, runs: rm.measure_gap(robot, runs, horizon=float("nan")), "positive number of seconds, got nan"),
@@ -242,7 +242,7 @@ def test_a_document_of_something_else_is_no_model(robot: rm.NominalRobot, tmp_pa
 def test_a_network_is_not_learned_in_place_of_another(
     robot: rm.NominalRobot, runs: rm.Runs, network: rm.LearnedModel
 ) -> None:
-    with pytest.raises(rm.BadInput, match="already contains a learned network.*--warm-start"):
+    with pytest.raises(rm.BadInput, match="already contains a learned network.*`warm_start`"):
         rm.learn(robot, runs, on=network, hidden=(2,), passes=1)
 
 

@@ -62,7 +62,7 @@ def test_a_change_is_read(text: str, knob: Knob, amount: float | None, relative:
 def test_a_change_that_cannot_be_read_is_refused(text: str, said: str) -> None:
     with pytest.raises(BadInput) as refused:
         read_change(text, NAMED, SLOTS)
-    assert said in str(refused.value) and f"--changed {text}" in str(refused.value)
+    assert said in str(refused.value) and f"`changed={text}`" in str(refused.value)
 
 
 def test_what_no_diagnosis_could_give_a_meaning_is_refused_before_it_is_made() -> None:

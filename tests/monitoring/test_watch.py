@@ -165,5 +165,5 @@ def test_runs_of_the_diagnosis_that_this_robot_file_does_not_read_are_no_referen
     }  # fmt: skip
     (tmp_path / "diagnosis.json").write_text(json.dumps(document))
     robot = rm.load_robot(place / "robot.toml")
-    with pytest.raises(BadInput, match=r"runs of the model's diagnosis cannot serve .* with --reference"):
+    with pytest.raises(BadInput, match=r"runs of the model's diagnosis cannot serve .* as `reference`"):
         next(rm.watch(robot, place / "changed", model=tmp_path / "diagnosis.json", once=True, settings=QUICK))

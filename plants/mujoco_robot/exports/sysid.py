@@ -45,7 +45,7 @@ def to_sysid(
 ) -> SysidSet:
     """See WritesSysid. Raises BadInput for a robot without a model file of its own, or with several settings."""
     if robot.spec is None or robot.settings:
-        raise BadInput(f"{robot.name!r} has no model file of its own, or several", "--to sysid", "export to casadi")
+        raise BadInput(f"{robot.name!r} has no model file of its own, or several", "`to=sysid`", "export to casadi")
     free, fixed, left_out = _sorted(values, intervals)
     spec = robot.spec.copy()
     at_rest = _settings(robot, fixed)

@@ -41,7 +41,7 @@ def to_urdf(robot: CompiledRobot, settings: Settings, source: Path, folder: Path
     if source.suffix.lower() != ".urdf" or robot.settings:
         why = "its variants use several models" if robot.settings else f"its model {source.name} is an MJCF"
         raise BadInput(
-            f"{robot.name!r} cannot be exported as URDF: {why}", "--to urdf",
+            f"{robot.name!r} cannot be exported as URDF: {why}", "`to=urdf`",
             "export to mjcf" if not robot.settings else "export each model file separately",
         )  # fmt: skip
     reasons = {e: _not_said(BY_NAME[e]) for e in settings.effects}

@@ -42,7 +42,7 @@ def read_change(text: str, named: Sequence[Term], slots: Mapping[str, tuple[str,
     named: the effects of the diagnosis, from which an omitted target is taken; slots: the targets of each effect on
     this robot. Raises BadInput for any other syntax and for an unknown effect, parameter or target.
     """
-    where = f"--changed {text}"
+    where = f"`changed={text}`"
     effect, parameter, given, sign, amount = _parsed(text, slots)
     term = Term(effect.name, _target(effect, given, named, slots, where))
     there = term in named or term._replace(target=None) in named
@@ -55,7 +55,7 @@ def read_change(text: str, named: Sequence[Term], slots: Mapping[str, tuple[str,
 
 def _parsed(text: str, slots: Mapping[str, tuple[str, ...]]) -> tuple[Effect, str, str, str, float | None]:
     """Effect, parameter, target (empty for none), sign of an increment (empty for a value) and amount."""
-    where = f"--changed {text}"
+    where = f"`changed={text}`"
     left, equals, right = text.partition("=")
     sign = left[-1:] if left[-1:] in ("+", "-") else ""
     name, _, target = left.removesuffix(sign).strip().partition("@")
@@ -124,7 +124,7 @@ def check_possible(changes: Sequence[KnownChange], values: Values, robot: Robot)
         if not max(low, p.lower) <= value <= min(high, p.upper):
             raise BadInput(
                 f"{change.knob.parameter} would be {value:g}, which is outside {max(low, p.lower):g} to "
-                f"{min(high, p.upper):g}", f"--changed {change.knob.effect}", f"give it in the unit {p.unit}",
+                f"{min(high, p.upper):g}", f"`changed={change.knob.effect}`", f"give it in the unit {p.unit}",
             )  # fmt: skip
 
 

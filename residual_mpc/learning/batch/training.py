@@ -136,7 +136,7 @@ def _train(
             f"at least {FEWEST} windows of {settings.horizon * step:.3g} s are needed for training, "
             f"got {int(train_windows.sum())}",
             "runs",
-            "record longer runs, or learn with a shorter --step",
+            "record longer runs, or learn with a shorter `step`",
         )
     problem, blank = build_training_problem(
         data, form, step, settings, effects, (), train_windows, ~evaluation.scales.still, rng

@@ -112,10 +112,10 @@ def costs_of(settings: LearnSettings, channels: Sequence[str]) -> np.ndarray:
     for channel, value in settings.costs:
         if channel not in channels:
             raise BadInput(
-                f"unknown channel {channel!r}", "--weights", f"the measured channels are {', '.join(channels)}"
+                f"unknown channel {channel!r}", "`weights`", f"the measured channels are {', '.join(channels)}"
             )
         if not (np.isfinite(value) and value > 0.0):
-            raise BadInput(f"{channel} must be a number > 0, got {value}", "--weights", "the default is 1")
+            raise BadInput(f"{channel} must be a number > 0, got {value}", "`weights`", "the default is 1")
         cost[channels.index(channel)] = value
     return cost
 

@@ -26,7 +26,7 @@ def check_form(name: str, base: Robot) -> None:
         return
     kind, fit = ("joint velocities", "body or paper") if name == "joint" else ("a planar velocity", "joint")
     raise BadInput(
-        f"the form {name!r} corrects {kind}, which {base.name!r} does not have", "--form",
+        f"the form {name!r} corrects {kind}, which {base.name!r} does not have", "`form`",
         f"give {fit}, or leave it out",
     )  # fmt: skip
 

@@ -137,7 +137,7 @@ def build_reference(
         raise BadInput(
             f"a reference needs at least {fewest} windows of {horizon:g} s, got {len(windows)}",
             described,
-            "give more or longer runs with --reference, or learn it from a longer part of the stream with --learn",
+            "give more or longer runs as `reference`, or learn it from a longer part of the stream",
         )
     space = driving_space(windows.driving, settings)
     place = space.of(windows.driving)

@@ -45,9 +45,9 @@ def check_video(path: Path) -> None:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         known = ", ".join(SUFFIXES)
-        raise BadInput(f"cannot write a video to {path.name!r}", "--video", f"end the name in one of {known}")
+        raise BadInput(f"cannot write a video to {path.name!r}", "`video`", f"end the name in one of {known}")
     if suffix == ".mp4" and shutil.which("ffmpeg") is None:
-        raise BadInput("an .mp4 needs ffmpeg, which is not on the PATH", "--video",
+        raise BadInput("an .mp4 needs ffmpeg, which is not on the PATH", "`video`",
                        "install ffmpeg, or end the name in .webp or .gif")  # fmt: skip
 
 
@@ -103,7 +103,7 @@ def _mp4(films: Sequence[np.ndarray], durations: Sequence[list[int]]) -> bytes:
         done = subprocess.run(command, input=whole, capture_output=True, check=False)
         if done.returncode:
             said = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["no message"]
-            raise BadInput(f"ffmpeg failed: {said[0]}", "--video", "end the name in .webp or .gif")
+            raise BadInput(f"ffmpeg failed: {said[0]}", "`video`", "end the name in .webp or .gif")
         return made.read_bytes()
 
 

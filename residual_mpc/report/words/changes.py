@@ -65,7 +65,7 @@ def warnings(document: Document) -> list[str]:
         return []
     return [
         f"The gap is {number(gap['after'] / gap['before'], 2)} times as large on the runs after, but no single change "
-        "of an effect is significant: record more runs, or name what may have changed with --only."
+        "of an effect is significant: record more runs, or compare again for only what may have changed."
     ]
 
 

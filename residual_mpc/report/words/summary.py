@@ -81,7 +81,7 @@ def _unknown(document: Mapping[str, Any]) -> str:
         missed = f"miss {number(gap['noise_floor'], 2)} times the motion"
         return (
             f"These runs cannot test the model over {number(gap['horizon'], 2)} s: the sensor noise alone makes the "
-            f"prediction of a perfect model {missed}. Shorten the horizon with --horizon, or record calmer motions."
+            f"prediction of a perfect model {missed}. Shorten the horizon, or record calmer motions."
         )
     worst = hardest(gap, "before")
     times = ratio(worst, "before")
