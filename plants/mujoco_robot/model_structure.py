@@ -10,6 +10,7 @@ from plants.mujoco_robot.structure.base import driving_bodies, free_bodies, hing
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.audit.facts import ActuatorFacts, CommandKind
 from residual_mpc.models.model_structure import Joint, ModelStructure
+from residual_mpc.models.parameter_units import is_share
 
 if TYPE_CHECKING:
     import mujoco
@@ -60,7 +61,10 @@ def _actuator(model: "mujoco.MjModel", i: int) -> ActuatorFacts:
     bias = model.actuator_biasprm[i]
     kind: CommandKind = "position" if bias[1] != 0 else "velocity" if bias[2] != 0 else "torque"
     gear = float(model.actuator_gear[i, 0]) if kind != "torque" else 1.0
-    return ActuatorFacts(model.actuator(i).name, model.joint(int(model.actuator_trnid[i, 0])).name, kind, gear or 1.0)
+    low, high = model.actuator_ctrlrange[i].tolist() if model.actuator_ctrllimited[i] else (0.0, 0.0)
+    share = kind == "torque" and is_share(float(model.actuator_gear[i, 0]), (low, high))
+    joint = model.joint(int(model.actuator_trnid[i, 0])).name
+    return ActuatorFacts(model.actuator(i).name, joint, kind, gear or 1.0, share)
 
 
 def _torque(model: "mujoco.MjModel", q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:

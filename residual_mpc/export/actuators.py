@@ -56,7 +56,7 @@ def write_actuators(
     values, left_out = robot.actuator_values(settings), (*robot.not_of_actuators(settings), *network_in(written))
     intervals = _intervals(written, explanation, robot, values)
     notes = [f"{v.actuator}: a filter of {v.lag:.3g} s, which neither tool has: see lag" for v in values if v.lag > 0]
-    notes += [f"{v.actuator}: its command is {v.gear:g} times the joint's position" for v in values if v.gear != 1.0]
+    notes += [f"{v.actuator}: {_geared(v)}" for v in values if v.gear != 1.0]
     write_atomically(folder / FILE, _text(robot.name, dt, values, intervals, [*notes, *left_out]))
     document = {
         "to": "actuators",
@@ -68,6 +68,13 @@ def write_actuators(
     }
     write_atomically(folder / "export.json", json.dumps(document, indent=2) + "\n")
     return document
+
+
+def _geared(values: ActuatorValues) -> str:
+    """What a command stands for that is neither the joint's position or velocity nor its torque."""
+    if values.kind == "torque":
+        return f"a command of 1 gives {values.gain:.4g} N m at the joint (N where it slides)"
+    return f"its command is {values.gear:g} times the joint's {values.kind}"
 
 
 def _intervals(

@@ -8,6 +8,7 @@ from residual_mpc.logs.audit.facts import CommandKind
 from residual_mpc.logs.columns import did_you_mean
 from residual_mpc.logs.run import Run
 from residual_mpc.models import optional
+from residual_mpc.models.parameter_units import command_units
 from residual_mpc.models.protocol import Robot
 
 PLACE, HEADING = ("pose.x", "pose.y"), "pose.theta"
@@ -23,9 +24,9 @@ def facts_of(robot: Robot) -> RobotFacts:
         "velocity": "velocity",
     }
     gears = (g if g else 1.0 for g in optional.gear_ratios(robot))
-    driven = zip(robot.actuators, joints, robot.command_kinds, gears, strict=True)
+    driven = zip(robot.actuators, joints, robot.command_kinds, gears, command_units(robot), strict=True)
     return RobotFacts(
-        tuple(ActuatorFacts(a, j, kinds[k], 1.0 if k == "torque" else g) for a, j, k, g in driven),
+        tuple(ActuatorFacts(a, j, kinds[k], 1.0 if k == "torque" else g, unit == "1") for a, j, k, g, unit in driven),
         robot.channels,
         optional.sliding(robot),
         optional.limits(robot),

@@ -11,9 +11,20 @@ _COMMAND = {"speed": "rad/s", "velocity": "rad/s", "position": "rad", "torque": 
 
 def command_units(robot: Robot) -> tuple[str, ...]:
     """The unit of each actuator's command."""
-    joints, slides = optional.actuator_joints(robot), optional.sliding(robot)
-    units = (_COMMAND[kind] for kind in robot.command_kinds)
-    return tuple(sliding_unit(u) if j in slides else u for u, j in zip(units, joints, strict=True))
+    slides, clamps = optional.sliding(robot), optional.clamps(robot)
+    units = []
+    for actuator, joint, kind, gear in zip(
+        robot.actuators, optional.actuator_joints(robot), robot.command_kinds, optional.gear_ratios(robot), strict=True
+    ):
+        share = kind == "torque" and is_share(gear, clamps.get(actuator, (0.0, 0.0)))
+        units.append("1" if share else sliding_unit(_COMMAND[kind]) if joint in slides else _COMMAND[kind])
+    return tuple(units)
+
+
+def is_share(gear: float, limits: tuple[float, float]) -> bool:
+    """Whether the command of a motor is a share of its torque, without a unit: it ends at 1, and the gear makes it a
+    torque."""
+    return gear != 1.0 and max(map(abs, limits)) == 1.0
 
 
 def parameter_unit(robot: Robot, knob: Knob) -> str:

@@ -9,7 +9,7 @@ from diagnosis.linear import ROVER
 from oracles.arms import robot_of
 
 from residual_mpc.effects.library import BY_NAME
-from residual_mpc.models.parameter_units import unit_of
+from residual_mpc.models.parameter_units import command_units, unit_of
 from residual_mpc.models.settings import Term
 
 GANTRY = """<mujoco><worldbody><body><joint name="lift" type="slide" axis="0 0 1"/><geom size="0.1" mass="1"/>
@@ -18,6 +18,21 @@ GANTRY = """<mujoco><worldbody><body><joint name="lift" type="slide" axis="0 0 1
 <velocity name="spin" joint="turn" kv="5"/></actuator></mujoco>"""
 MIXED = GANTRY.format('<joint name="turn" type="hinge"/>')
 SLIDES = GANTRY.format('<joint name="turn" type="slide"/>')
+
+
+@pytest.mark.parametrize(
+    ("motor", "unit"),
+    [
+        ('gear="24" ctrlrange="-1 1"', "1"),
+        ('gear="24" ctrlrange="0 1"', "1"),
+        ('gear="24" ctrlrange="-2 2"', "N m"),
+        ('gear="24"', "N m"),
+        ('ctrlrange="-1 1"', "N m"),
+    ],
+)
+def test_a_share_of_a_motors_torque_has_no_unit(motor: str, unit: str, tmp_path: Path) -> None:
+    xml = MIXED.replace('<velocity name="spin" joint="turn" kv="5"/>', f'<motor name="spin" joint="turn" {motor}/>')
+    assert command_units(robot_of(tmp_path, xml)) == ("m", unit)
 
 
 @pytest.mark.parametrize(

@@ -35,8 +35,10 @@ ISAAC = {  # fields of isaaclab.actuators: ActuatorBaseCfg and DelayedPDActuator
 }  # fmt: skip
 
 
-def exported(folder: Path, to: str, hidden: dict[tuple[str, str | None, str], Value], *more: str) -> dict[str, Any]:
-    (folder / "arm.xml").write_text(arm_xml(SERVOS))
+def exported(
+    folder: Path, to: str, hidden: dict[tuple[str, str | None, str], Value], *more: str, actuators: str = SERVOS
+) -> dict[str, Any]:
+    (folder / "arm.xml").write_text(arm_xml(actuators))
     (folder / "robot.toml").write_text('name = "arm"\nplant = "mujoco"\nmodel = "arm.xml"\n')
     explanation: dict[tuple[str, str | None], dict[str, Any]] = {}
     for (e, t, p), (x, low, high) in hidden.items():
@@ -148,6 +150,15 @@ def test_actuators_by_joint(tmp_path: Path) -> None:
     assert two["ci95"]["stiffness"] == pytest.approx([14.0, 18.0]) and one["ci95"]["delay"] == [0.038, 0.043]
     assert {line.split(":")[0] for line in document["left_out"]} == {"payload", "link_length"}
     assert all(what in text for what in document["left_out"])
+
+
+def test_what_a_command_of_a_geared_actuator_is(tmp_path: Path) -> None:
+    driven = '<motor name="m1" joint="j1" gear="24" ctrlrange="-1 1"/><velocity name="v2" joint="j2" kv="2" gear="3"/>'
+    document = exported(tmp_path, "actuators", {}, actuators=driven)
+    assert document["approximated"] == [
+        "m1: a command of 1 gives 24 N m at the joint (N where it slides)",
+        "v2: its command is 3 times the joint's velocity",
+    ]
 
 
 def test_the_groups_are_keywords_of_isaac_lab(tmp_path: Path) -> None:

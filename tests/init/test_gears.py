@@ -37,6 +37,16 @@ def test_a_gear_is_no_fault_of_the_log(tmp_path: Path, recorded: pd.DataFrame, g
     assert check(load_robot(model), [log]).usable
 
 
+def test_a_share_of_a_motors_torque_has_no_unit(tmp_path: Path) -> None:
+    model = tmp_path / "arm.xml"
+    model.write_text(mjcf("motor").replace("<motor ", '<motor gear="24" ctrlrange="-1 1" '))
+    recorded = simulate("motor")
+    sent = [c for c in recorded if c.startswith("command.")]
+    found = draft(model, [write(tmp_path, recorded.assign(**{c: recorded[c] / 24.0 for c in sent}))])
+    units = {g.what: g.value for g in found.guesses if g.what.startswith("unit of command")}
+    assert units == {f"unit of {c}": "1" for c in sent}
+
+
 def test_a_log_without_the_gear_is_a_fault(tmp_path: Path, recorded: pd.DataFrame) -> None:
     found = draft(geared(tmp_path, -1.0), [write(tmp_path, recorded)])
     assert {m.column for m in found.mends} & {"command.elbow", "position.elbow"}

@@ -134,6 +134,21 @@ def test_a_terminal_says_once_what_is_alike(tmp_path: Path) -> None:
     ]
 
 
+def test_a_torque_driven_joint_has_a_motor(tmp_path: Path) -> None:
+    motors = '<motor name="m1" joint="j1"/><motor name="motor2" joint="j2"/>'
+    friction = [
+        effect("coulomb_friction", j, "N m", torque=(x, 0.05, 0.35)) for j, x in (("j1", 0.1), ("j2", 0.3))
+    ]  # fmt: skip
+    found = told(tmp_path, [GAIN, *friction], "", motors)
+    lines = [line.strip() for line in diagnosis_lines(found)]
+    assert [line.split(":")[0] for line in lines if "N m" in line and "->" in line] == ["motor m1", "motor2"]
+    assert any(line.startswith("all motors alike: gain") for line in lines)
+    page = compose(found, Evidence())
+    assert "Motors</h2>" in page and "says of each motor" in page
+    one = '<motor name="m1" joint="j1"/><position name="s2" joint="j2" kp="30" kv="0.8"/>'
+    assert any(line.startswith("  actuator m1: ") for line in diagnosis_lines(told(tmp_path, [*friction], "", one)))
+
+
 def test_the_page_leaves_out_what_concerns_no_servo() -> None:
     page = compose(document("effects"), Evidence())
     assert 'id="servos"' not in page and 'id="servo-changes"' not in page
@@ -164,4 +179,4 @@ def test_a_number_of_an_effect_that_is_less_likely_than_not_is_only_possible(
     number = {"name": "dry_friction", "unit": "N m", "nominal": 0.0, "value": 0.03, "ci95": [0.02, 0.04],
               "probability": probability, "status": "corrected" if probability is not None else "retuned"}  # fmt: skip
     (line,) = servo_lines({"servos": [{"actuator": "servo", "values": [number]}]})
-    assert line.startswith("servo servo: possibly dry friction" if doubted else "servo servo: dry friction")
+    assert line.startswith("servo: possibly dry friction" if doubted else "servo: dry friction")

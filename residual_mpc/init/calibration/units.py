@@ -77,6 +77,13 @@ class UnitGuess:
     rivals: tuple[str, ...] = ()
 
 
+SHARE = UnitGuess(
+    Unit("1", 1.0, 0.0, frozenset()),
+    "a share of the torque: in the model the command ends at 1, and its gear is the torque",
+    0.9,
+)
+
+
 @dataclass(frozen=True)
 class _Chain:
     """The columns of one driven joint, None where it has none, and their ratios as raw numbers."""
@@ -103,7 +110,8 @@ def find_units(case: ColumnEvidence, roles: Roles, kinds: Mapping[str, Quantity]
         chains = [c for c in _chains(case, roles, kinds) if c.slides == slides]
         if chains:
             found |= _solve(case, chains)
-    return found
+    shares = {c for d in case.driven if d.share and (c := roles.of("command").get(d.name)) in found}
+    return found | dict.fromkeys(shares, SHARE)
 
 
 def _chains(case: ColumnEvidence, roles: Roles, kinds: Mapping[str, Quantity]) -> list[_Chain]:

@@ -19,12 +19,13 @@ from residual_mpc.models.model_structure import ModelStructure
 @dataclass(frozen=True)
 class JointDrive:
     """What drives a joint: an actuator of the model, or one that its file does not declare, whose kind is None. gear:
-    of a servo, its command over the joint's position or velocity."""
+    of a servo, its command over the joint's position or velocity. share: whether its command is a share of a torque."""
 
     name: str
     joint: str
     kind: Quantity | None
     gear: float = 1.0
+    share: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +89,8 @@ def where_on(case: ColumnEvidence, roles: Roles) -> ColumnEvidence:
 
 def _driven(actuator: ActuatorFacts) -> JointDrive:
     kinds: Mapping[str, Quantity] = {"position": "position", "velocity": "velocity", "torque": "effort"}
-    return JointDrive(actuator.name, actuator.joint or actuator.name, kinds[actuator.kind], actuator.gear)
+    joint = actuator.joint or actuator.name
+    return JointDrive(actuator.name, joint, kinds[actuator.kind], actuator.gear, actuator.share)
 
 
 def joint_response(case: ColumnEvidence, roles: Roles, column: str, driven: JointDrive) -> tuple[SignalMatch, str]:

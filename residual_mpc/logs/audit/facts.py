@@ -18,12 +18,14 @@ class ActuatorFacts:
         joint: as in `position.<joint>`, None where it drives no single joint.
         kind: what the command asks of the joint.
         gear: of a servo, its command over the joint's position or velocity; negative where they go opposite ways.
+        share: whether the command is a share of the motor's torque, without a unit.
     """
 
     name: str
     joint: str | None
     kind: CommandKind
     gear: float = 1.0
+    share: bool = False
 
 
 @dataclass(frozen=True)

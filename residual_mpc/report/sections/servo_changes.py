@@ -3,6 +3,7 @@
 from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.sections.section import Document, Section, render
 from residual_mpc.report.words.numbers import listed
+from residual_mpc.report.words.servo import noun_of
 
 
 def servo_changes(document: Document, evidence: Evidence) -> Section | None:
@@ -15,5 +16,6 @@ def servo_changes(document: Document, evidence: Evidence) -> Section | None:
         {**change, "of": "" if len(change["actuators"]) == len(servos) else listed(change["actuators"])}
         for change in changes
     ]
-    body = render("sections/servo_changes.html.jinja", changes=rows)
-    return Section("servo-changes", "What you can change on the servo", body)
+    noun = noun_of(document)
+    body = render("sections/servo_changes.html.jinja", changes=rows, noun=noun)
+    return Section("servo-changes", f"What you can change on the {noun}", body)

@@ -8,7 +8,7 @@ from residual_mpc.models.servo_table import NOT_NAMED, NOT_TESTABLE, RETUNED
 from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.sections.section import Document, Section, render
 from residual_mpc.report.words.numbers import listed, measure, percent
-from residual_mpc.report.words.servo import CHANGED, is_changed, nominal_text, value_text
+from residual_mpc.report.words.servo import CHANGED, is_changed, nominal_text, noun_of, value_text
 
 Servo = Mapping[str, Any]
 
@@ -23,6 +23,7 @@ def servos(document: Document, evidence: Evidence) -> Section | None:
         return None
     body = render(
         "sections/servos.html.jinja",
+        noun=(noun := noun_of(document)),
         columns=[(n.text, _unit(n.name, values)) for n in columns],
         rows=[
             (row["actuator"], row["joint"], [_cell(v.get(n.name), _unit(n.name, values)) for n in columns])
@@ -34,7 +35,7 @@ def servos(document: Document, evidence: Evidence) -> Section | None:
         unnamed=_unnamed(rows, [n.name for n in columns]),
         untested=_reasons(rows),
     )
-    return Section("servos", "Servos", body)
+    return Section("servos", f"{noun.capitalize()}s", body)
 
 
 def _unit(name: str, values: Sequence[Mapping[str, Mapping[str, Any]]]) -> str:

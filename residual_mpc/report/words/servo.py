@@ -101,9 +101,15 @@ def is_changed(value: Mapping[str, Any], servo: Mapping[str, Any]) -> bool:
     return value["status"] in CHANGED and not same
 
 
+def noun_of(document: Mapping[str, Any]) -> str:
+    """What the robot's drives are together: servos, motors where all take torques, else actuators."""
+    torques = {servo.get("kind") == "torque" for servo in document.get("servos") or []}
+    return "actuator" if len(torques) > 1 else "motor" if True in torques else "servo"
+
+
 def servo_lines(document: Mapping[str, Any]) -> list[str]:
     """A line a servo for a terminal: the numbers that the diagnosis changes, each beside the model's. What is the same
-    for several servos, all of them, is said once."""
+    for all of several is said once."""
     said = {
         servo["actuator"]: [
             f"{_hedge(v)}{BY_NAME[v['name']].text} {nominal_text(v)} {ARROW} {value_text(v)}"
@@ -114,10 +120,12 @@ def servo_lines(document: Mapping[str, Any]) -> list[str]:
     }
     several = len(said) > 1
     shared = [text for text in next(iter(said.values()), []) if several and all(text in own for own in said.values())]
-    lines = [f"all servos alike: {', '.join(shared)}"] if shared else []
+    noun = noun_of(document)
+    lines = [f"all {noun}s alike: {', '.join(shared)}"] if shared else []
     for actuator, own in said.items():
         rest = [text for text in own if text not in shared]
-        lines += [f"servo {actuator}: {', '.join(rest)}"] if rest else []
+        called = actuator if actuator.lower().startswith(noun) else f"{noun} {actuator}"
+        lines += [f"{called}: {', '.join(rest)}"] if rest else []
     return lines
 
 
