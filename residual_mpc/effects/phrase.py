@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 # How a target is called, by the kind of target.
-TARGETS = {"actuator": "actuator {}", "joint": "joint {}", "body": "link {}", "channel": "channel {}", "robot": "{}"}
+TARGETS = {"actuator": "actuator", "joint": "joint", "body": "link", "channel": "channel", "robot": ""}
 WHEELS = {"left": "the left wheel", "right": "the right wheel"}
 EVERYONE = {
     "actuator": "every actuator",
@@ -14,6 +14,11 @@ EVERYONE = {
     "channel": "every channel",
     "robot": "the robot",
 }
+
+
+def called(noun: str, name: object) -> str:
+    """ "joint elbow"; a name that begins with the noun alone, such as "joint2"."""
+    return str(name) if str(name).lower().startswith(noun) else f"{noun} {name}"
 
 
 @dataclass(frozen=True)
@@ -37,9 +42,9 @@ class Phrase:
             return self.everyone or EVERYONE[kind]
         if target in WHEELS and not self.someone:
             return WHEELS[target]
-        if not self.someone and target.lower().startswith(TARGETS[kind].format("").strip()):
-            return target  # a joint called "joint2"
-        return (self.someone or TARGETS[kind]).format(WHEELS.get(target, target))
+        if not self.someone:
+            return called(TARGETS[kind], target)
+        return self.someone.format(WHEELS.get(target, target))
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from residual_mpc.effects.phrase import called
 from residual_mpc.errors import BadInput
 from residual_mpc.init.calibration.servos import find_gains, find_kinds
 from residual_mpc.init.calibration.signs import SignAndZero, find_signs, true_values
@@ -270,8 +271,8 @@ def _missing(case: ColumnEvidence, roles: Roles, alone: Uncommanded) -> tuple[Un
     """Commands without which `gap` refuses the runs, and joints that nothing measures."""
     needed = "no column matches, but every actuator that moves needs a command: log it, or remove it from the model"
     missing = [Unmatched(f"command.{d.name}", needed) for d in alone.lacking]
-    free = "no column matches; joint {} is assumed to be passive"
-    missing += [Unmatched(f"command.{d.name}", free.format(d.joint)) for d in alone.passive]
+    free = "no column matches; {} is assumed to be passive"
+    missing += [Unmatched(f"command.{d.name}", free.format(called("joint", d.joint))) for d in alone.passive]
     joints = {j for g in ("position", "velocity") for j in roles.of(g)}
     for j in case.structure.joints:
         if j.name not in joints and j.follows is None:

@@ -494,3 +494,6 @@ def test_a_rest_of_which_nothing_can_be_told_is_said_to_be_in_several_channels()
 @pytest.mark.parametrize(("target", "said"), [("elbow", "joint elbow"), ("joint2", "joint2"), ("Joint_3", "Joint_3")])
 def test_a_joint_that_is_called_one_is_not_called_one_twice(target, said):
     assert BY_NAME["viscous_friction"].phrase.who(target, "joint") == said
+    law = {"effect": "fitted_law", "target": target, "of": "torque", "on": "the position", "unit": "N m",
+           "form": "curve", "values": [0.1, 0.2], "parameters": {}}  # fmt: skip
+    assert f" acts at {said}" in law_sentence(law)

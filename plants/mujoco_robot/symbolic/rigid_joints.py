@@ -10,6 +10,7 @@ import numpy as np
 from plants.mujoco_robot.loading.compile import prepared
 from plants.mujoco_robot.loading.held import HOLDS
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from residual_mpc.effects.phrase import called
 from residual_mpc.models.settings import Settings
 
 if TYPE_CHECKING:
@@ -86,4 +87,4 @@ def _on(robot: CompiledRobot, rigid: CompiledRobot, settings: Settings) -> Setti
 
 
 def _listed(names: tuple[str, ...]) -> str:
-    return f"joint {names[0]}" if len(names) == 1 else f"joints {', '.join(names)}"
+    return called("joint", names[0]) if len(names) == 1 else f"joints {', '.join(names)}"

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from residual_mpc.effects.phrase import called
 from residual_mpc.effects.servo.numbers import BY_NAME, NUMBERS
 from residual_mpc.models.servo_table import NOT_NAMED, NOT_TESTABLE, RETUNED
 from residual_mpc.report.evidence.evidence import Evidence
@@ -26,7 +27,7 @@ def servos(document: Document, evidence: Evidence) -> Section | None:
         noun=(noun := noun_of(document)),
         columns=[(n.text, _unit(n.name, values)) for n in columns],
         rows=[
-            (row["actuator"], row["joint"], [_cell(v.get(n.name), _unit(n.name, values)) for n in columns])
+            (row["actuator"], _joint(row), [_cell(v.get(n.name), _unit(n.name, values)) for n in columns])
             for row, v in zip(rows, values, strict=True)
         ],
         alike=any(v["alike"] for row in rows for v in row["values"]),
@@ -36,6 +37,11 @@ def servos(document: Document, evidence: Evidence) -> Section | None:
         untested=_reasons(rows),
     )
     return Section("servos", f"{noun.capitalize()}s", body)
+
+
+def _joint(row: Servo) -> str:
+    """The joint, where it has another name than its actuator."""
+    return "" if row["joint"] == row["actuator"] else called("joint", row["joint"])
 
 
 def _unit(name: str, values: Sequence[Mapping[str, Mapping[str, Any]]]) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from residual_mpc.effects.phrase import called
 from residual_mpc.report.words.numbers import measure, number, percent
 
 Law = Mapping[str, Any]  # an entry of diagnosis.json that is a fitted law
@@ -37,7 +38,7 @@ def law_sentence(law: Law) -> str:
     elif law["of"] == "strength":
         clause = f"{_actuator(law, target)} gives more than modelled by a share {shape}"
     else:
-        where = f"joint {target}" if target else "the joint"
+        where = called("joint", target) if target else "the joint"
         clause = f"{WHAT.get(law['of'], 'a ' + str(law['of']))} {shape} acts at {where}"
     return clause.removesuffix(",") + (f", {like}" if like else "")
 
@@ -52,7 +53,7 @@ def _of_column(law: Law, target: object) -> str:
     over = f"{law['on']}: {', '.join(points[:-1])} and {points[-1]}"
     if share:
         return f"the share of the modelled output that {_actuator(law, target)} gives depends on {over}"
-    where = f"joint {target}" if target else "every joint"
+    where = called("joint", target) if target else "every joint"
     return f"{MORE[law['of']]} at {where} depends on {over}"
 
 
@@ -68,8 +69,8 @@ def _like(law: Law) -> str:
 
 def _actuator(law: Law, target: object) -> str:
     if _quantity(law) == "load":  # a law on a joint
-        return f"the actuator of joint {target}" if target else "the actuator of the joint"
-    return f"actuator {target}" if target else "every actuator"
+        return f"the actuator of {called('joint', target)}" if target else "the actuator of the joint"
+    return called("actuator", target) if target else "every actuator"
 
 
 def _quantity(law: Law) -> str:

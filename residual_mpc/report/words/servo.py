@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from residual_mpc.effects.phrase import called
 from residual_mpc.effects.servo.changes import advice_on
 from residual_mpc.effects.servo.numbers import BY_NAME
 from residual_mpc.report.words.numbers import ARROW, listed, measure, measure_interval, number, percent
@@ -124,8 +125,7 @@ def servo_lines(document: Mapping[str, Any]) -> list[str]:
     lines = [f"all {noun}s alike: {', '.join(shared)}"] if shared else []
     for actuator, own in said.items():
         rest = [text for text in own if text not in shared]
-        called = actuator if actuator.lower().startswith(noun) else f"{noun} {actuator}"
-        lines += [f"{called}: {', '.join(rest)}"] if rest else []
+        lines += [f"{called(noun, actuator)}: {', '.join(rest)}"] if rest else []
     return lines
 
 
