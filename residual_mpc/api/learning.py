@@ -30,6 +30,7 @@ from residual_mpc.models.nominal_numbers import KEY as NOMINAL
 from residual_mpc.models.nominal_numbers import warn_of_differences
 from residual_mpc.models.settings import Values
 from residual_mpc.report.learned import learned_page
+from residual_mpc.report.words.summary import AS_GOOD
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -40,7 +41,7 @@ NOTE = (
     "A memoryless network cannot learn effects that depend on more than the current motion and command: dead time, "
     "backlash, slow drift and sensor effects."
 )
-BELOW = " A diagnosis identifies these: learn on top of it with --on."
+BELOW = " A diagnosis identifies these: learn on top of it."
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +153,8 @@ def learn(
     made = train(task, settings, np.random.default_rng(seed), heard, folder)
     # on effects that were fitted to an earlier nominal model, the network does not change what they belong to
     stated = {} if on is None else {NOMINAL: model_content(written(on)).get(NOMINAL)}
-    learned = LearnedModel(robot, _document(made, task, history), {**_model(made, task, robot.name), **stated})
+    document = _document(made, task, history, on is not None)
+    learned = LearnedModel(robot, document, {**_model(made, task, robot.name), **stated})
     if folder is not None:
         learned.save(folder)
         checkpoint.clear(folder / "checkpoint.npz")
@@ -187,8 +189,11 @@ def _task(
     return Task(runs.runs, runs.models, runs.noise, case, values, leaves_out, held, earlier, earlier_file, form)
 
 
-def _document(made: TrainingResult, task: Task, history: Sequence[tuple[float, float]]) -> dict[str, Any]:
-    """The `learn` object of the contract and more. history: (s of data, H2 norm) of every update of this call."""
+def _document(
+    made: TrainingResult, task: Task, history: Sequence[tuple[float, float]], diagnosed: bool
+) -> dict[str, Any]:
+    """The `learn` object of the contract and more. history: (s of data, H2 norm) of every update of this call.
+    diagnosed: whether it was learned on a diagnosis."""
     ms = made.update_ms
     channels = {
         c: {"before": float(b), "after": float(a)}
@@ -211,6 +216,7 @@ def _document(made: TrainingResult, task: Task, history: Sequence[tuple[float, f
         "gap": {
             "before": made.before.total,
             "after": made.after.total,
+            "noise_floor": made.noise_floor,
             "on": "held_out" if made.kept else "training",
             "channels": channels,
             "without_spikes": None
@@ -236,7 +242,7 @@ def _document(made: TrainingResult, task: Task, history: Sequence[tuple[float, f
         "turned_over": turned_over(task.runs, made.learned.inputs, optional.sliding(task.robots[0])),
         "seconds": made.seconds,
         "history": [[float(f"{x:.4g}") for x in history[k]] for k in _few(len(history))],
-        "note": NOTE if task.values else NOTE + BELOW,
+        "note": NOTE if diagnosed else NOTE + BELOW,
     }
 
 
@@ -260,13 +266,17 @@ def _model(made: TrainingResult, task: Task, name: str) -> dict[str, Any]:
 
 def _lines(d: dict[str, Any]) -> list[str]:
     where = "on held-out runs" if d["gap"]["on"] == "held_out" else "on the training runs"
-    out = [f"gap {d['gap']['before']:.3g} -> {d['gap']['after']:.3g} {where}"]
+    floor = d["gap"]["noise_floor"]
+    out = [f"gap {d['gap']['before']:.3g} -> {d['gap']['after']:.3g} {where} (noise floor {floor:.2g})"]
     out += [f"  {c:<24} {g['before']:.3g} -> {g['after']:.3g}" for c, g in d["gap"]["channels"].items()]
     h2 = {k: "-" if v is None else f"{v:.3g}" for k, v in d["h2_norm"].items()}
     out.append(f"  H2 norm {h2['first']} -> {h2['last']}; held out {h2['held_out_before']} -> {h2['held_out_after']}")
     done = d["converged_after"]
     if d["gap"]["after"] == d["gap"]["before"]:
-        why = ": no pass over the data predicts the windows set aside better; try more --passes"
+        if d["gap"]["before"] <= AS_GOOD * floor:
+            why = ", since the gap is as small as the noise allows"
+        else:
+            why = ": no pass over the data predicts the windows set aside better; try more passes"
         out.append(f"  nothing was kept of what was learned{why if d['chosen_pass'] == 0 else ''}")
     else:
         out.append("  the H2 norm did not decrease" if done is None else f"  converged after {done:.0f} s of data")

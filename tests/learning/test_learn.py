@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from oracles.rover_log import ROBOT, rover_run, write_run
 
+import residual_mpc as rm
 from plants.diff_drive import DiffDrive
 from residual_mpc.cli.main import main
 from residual_mpc.diagnosis.data.dataset import build_dataset
@@ -222,3 +223,22 @@ def test_killed_at_any_moment_it_resumes_to_the_same_weights(folder):
     subprocess.run(command(cut), check=True, capture_output=True)
     a, b = (json.loads((d / "model.json").read_text())["residual"]["theta"] for d in (whole, cut))
     assert a == b and sorted(p.name for p in cut.iterdir()) == ["learn.json", "model.json", "report.html"]
+
+
+def test_a_model_at_the_noise_floor_has_nothing_to_learn(tmp_path: Path) -> None:
+    (tmp_path / "robot.toml").write_text(ROBOT)
+    for seed in range(3):
+        write_run(rover_run(f"r{seed}", {}, 10.0, seed=seed), tmp_path)
+    robot = rm.load_robot(tmp_path / "robot.toml")
+    runs = rm.read_runs(robot, [tmp_path / f"r{seed}.csv" for seed in range(3)])
+    empty = {"schema": "residual-mpc/model/1", "robot": "rover", "values": []}
+    (tmp_path / "model.json").write_text(json.dumps(empty))
+    found = rm.learn(robot, runs, passes=1, on=tmp_path / "model.json")
+    floor = found.gap["noise_floor"]
+    assert 0.5 * floor < found.gap["before"] < 2.0 * floor
+    found.document["gap"]["after"], found.document["chosen_pass"] = found.gap["before"], 0
+    said = "\n".join(found.lines())
+    assert "as small as the noise allows" in said and "passes" not in said
+    assert "learn on top of it" not in said  # it is learned on a diagnosis, which names nothing
+    found.document["gap"]["before"] = found.document["gap"]["after"] = 10.0 * floor
+    assert "try more passes" in "\n".join(found.lines())

@@ -10,6 +10,8 @@ from threadpoolctl import threadpool_limits
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import Gap, per_window
 from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held_out_mask
+from residual_mpc.diagnosis.predict.noise_floor import floor_of
+from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.errors import BadInput
 from residual_mpc.learning.batch import checkpoint as disk
 from residual_mpc.learning.batch.evaluation import (
@@ -65,12 +67,13 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class TrainingResult:
-    """learned: what this call learned; whole: with what it builds on, as one residual. condition: of model_constr, None
-    where nothing came before; kept_earlier: whether it holds and the gap agrees. h2 over the updates; held_out_h2 and
-    gaps before and after on what was kept back (None: nothing was). without_spikes: gaps before and after where the
-    jumps of the localisation, found in the log, are left out; None where there are none, or where they are left out of
-    `after` as well. left_alone: channels that got worse on windows set aside; worse_held_out: those that got worse on
-    what was kept back, and were then left alone too. chosen_pass: whose weights were taken, 0 for none.
+    """learned: what this call learned; whole: with what it builds on, as one residual. condition: of model_constr,
+    None where nothing came before; kept_earlier: whether it holds and the gap agrees. h2 over the updates;
+    held_out_h2 and gaps before and after on what was kept back (None: nothing was), and their noise floor.
+    without_spikes: gaps before and after where the jumps of the localisation, found in the log, are left out; None
+    where there are none, or where they are left out of `after` as well. left_alone: channels that got worse on
+    windows set aside; worse_held_out: those that got worse on what was kept back, and were then left alone too.
+    chosen_pass: whose weights were taken, 0 for none.
     """
 
     learned: Residual
@@ -83,6 +86,7 @@ class TrainingResult:
     update_ms: np.ndarray
     before: Gap
     after: Gap
+    noise_floor: float
     without_spikes: tuple[float, float] | None
     channels: tuple[str, ...]
     kept: tuple[KeptBack, ...]
@@ -168,6 +172,7 @@ def _train(
         trail.update_ms,
         before,
         after,
+        floor_of(final.data.take(last), final.scales, effects, rng, PredictSettings()).total,
         spared_of_them,
         evaluation.data.channels,
         kept,
