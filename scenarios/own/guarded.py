@@ -43,6 +43,16 @@ class Guarded:
             )  # fmt: skip
         return _GuardedPlant(plant, self.poses, self.where, at)
 
+    def try_out(self, at: Reading) -> None:
+        """Start the plant, and read its sensors once. Raises BadInput as a run would."""
+        plant = self.start(np.random.default_rng(0), at)
+        try:
+            plant.measure()
+            plant.truth()
+        finally:
+            with suppress(BadInput):  # a run may fail before it closes the plant, and then says that
+                plant.close()
+
 
 def check_actuators(plant: Simulator, commands: tuple[str, ...], where: str) -> None:
     """Raises BadInput for a plant whose actuators are not those that the model commands, in this order."""

@@ -9,6 +9,7 @@ import numpy as np
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented
 from residual_mpc.logs.columns import did_you_mean
+from residual_mpc.models import optional
 
 TURN = 4.0  # s, period of a named motion
 RAMP = 1.0  # s, in which it accelerates to full speed
@@ -52,6 +53,14 @@ class Waypoints:
         from scipy.interpolate import PchipInterpolator
 
         return np.asarray(PchipInterpolator(self.t, self.values)(np.clip(t, self.t[0], self.t[-1])))
+
+    def with_held(self, model: Augmented) -> "Waypoints":
+        """With a column for each joint that the model holds and the reference leaves out: it stays where it rests."""
+        at = model.stepped
+        left = [c for c in at.tracked if c in _held(model) and c not in self.names]
+        rest = model.start()[[at.states.index(c) for c in left]]
+        values = np.hstack([self.values, np.tile(rest, (len(self.t), 1))])
+        return replace(self, names=(*self.names, *left), values=values)
 
     def ordered(self, names: tuple[str, ...], where: str) -> "Waypoints":
         """The columns in the order of these names; headings between -pi and pi lose their jumps by a whole turn. Raises
@@ -153,10 +162,15 @@ def _circle(model: Augmented, t: np.ndarray) -> np.ndarray:
     return np.asarray(begin + RADIUS * around)
 
 
+def _held(model: Augmented) -> set[str]:
+    """The channels of the joints that the model holds."""
+    return {f"position.{name}" for name in optional.held(model.robot)}
+
+
 def _about(model: Augmented) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) home and (n,) amplitude of each joint, rad or m."""
+    """(n,) home and (n,) amplitude of each joint, rad or m; one that is held has none."""
     at = model.stepped
     home = model.start()[[at.states.index(c) for c in at.poses]]
     low, high = (np.array(side) for side in zip(*at.spans, strict=True))
-    size = np.minimum(SWING, REACH * (high - low))
+    size = np.minimum(SWING, REACH * (high - low)) * [c not in _held(model) for c in at.poses]
     return np.clip(home, low + 1.2 * size, high - 1.2 * size), size

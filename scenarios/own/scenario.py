@@ -117,9 +117,10 @@ class OwnScenario:
         progress("building the controllers", 0.0)
         models = self._models()
         nominal = models["nominal"]
-        reference = self._waypoints(nominal).ordered(nominal.stepped.tracked, str(self.reference))
+        reference = self._waypoints(nominal).with_held(nominal).ordered(nominal.stepped.tracked, str(self.reference))
         begin = posture_at(nominal, reference.path(np.zeros(1))[0])
         dt = self.model.dt
+        simulator = self._simulator(nominal, begin)
         settings = self.settings or self._usual(models, reference)
         settings = replace(settings, budget=options.budget)
         stacks = {}
@@ -127,7 +128,6 @@ class OwnScenario:
         for i, (name, model) in enumerate(chosen.items()):
             progress(f"building the controllers: {name}", 0.1 * i)
             stacks[name] = self._stack(model, settings, reference, begin, options)
-        simulator = self._simulator(nominal)
         seeds = tuple(range(options.seed, options.seed + options.seeds))
         comparison = compare(
             simulator, stacks, reference, LoopSettings(reference.seconds, dt), seeds, (),
@@ -169,13 +169,16 @@ class OwnScenario:
             return read_reference(path)
         return named_motion(str(self.reference), nominal)
 
-    def _simulator(self, nominal: Augmented) -> Simulator:
+    def _simulator(self, nominal: Augmented, begin: Reading) -> Simulator:
+        """begin: where the plant starts, which a plant of one's own is tried at before the controllers are built."""
         make = self.plant
         if make is not None:
             own = guarded("--plant", "the factory", lambda: make(self.robot.file, self.model.dt))
             poses = tuple(nominal.stepped.poses)
             check_actuators(own, nominal.stepped.commands, "--plant")
-            return NoisySensors(Guarded(own, poses, "--plant"), {c: self.noise.get(c, 0.0) for c in poses})
+            checked = Guarded(own, poses, "--plant")
+            checked.try_out(begin)
+            return NoisySensors(checked, {c: self.noise.get(c, 0.0) for c in poses})
         withheld = model_in(self.model.source)[1] if self.withheld is None else self.withheld
         return NoisySensors(plant_of(self.robot.model, withheld, self.model.dt), self._sigma(nominal))
 

@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner
 from oracles.arms import arm_xml
 from oracles.rover_log import ROBOT
+from oracles.urdfs import arm_urdf
 
 import residual_mpc as rm
 from controllers.usual import usual_settings
@@ -153,10 +154,12 @@ class Broken(Sluggish):
         ("raises", "`step` of the plant raised RuntimeError: the bus is off .*test_own.py, line"),
     ],
 )
-def test_what_is_wrong_with_a_plant_is_said(tmp_path: Path, fault: str, said: str) -> None:
+def test_what_is_wrong_with_a_plant_is_said(tmp_path: Path, monkeypatch: Any, fault: str, said: str) -> None:
     robot = robot_file(tmp_path)
     model = rm.augment(robot, tmp_path / "model.json", dt=0.02)
     plant = type("Faulty", (Broken,), {"fault": fault})
+    if fault != "raises":  # before the controllers are built, which takes long
+        monkeypatch.setattr(OwnScenario, "_stack", lambda *_: pytest.fail("built a controller"))
     with pytest.raises(BadInput, match=said):
         OwnScenario(robot, model, swing(), plant=plant).run(RunOptions(seeds=1))
 
@@ -441,6 +444,22 @@ def test_a_reference_that_does_not_fit_is_refused(tmp_path: Path, reference: Any
     model = rm.augment(robot, tmp_path / "model.json", dt=0.02)
     with pytest.raises(BadInput, match=said):
         OwnScenario(robot, model, reference).run(RunOptions(seeds=1))
+
+
+def test_a_held_joint_needs_no_reference(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(arm_urdf(("j1", "j2"), -2.5, 2.0))
+    drives = "".join(f'[actuator.{j}]\nkind = "position"\nkp = 60\nkv = 3\n' for j in ("j1", "j2"))
+    text = f'name = "arm"\nplant = "mujoco"\nmodel = "arm.urdf"\nheld = ["j2"]\n{drives}'
+    (tmp_path / "arm.toml").write_text(text)
+    robot = rm.load_robot(tmp_path / "arm.toml")
+    model = rm.augment(robot, dt=0.02)
+    nominal = OwnScenario(robot, model)._models()["nominal"]
+    assert nominal.stepped.tracked == ("position.j1", "position.j2")
+    alone = Waypoints(("position.j1",), SHORT, 0.1 * np.sin(np.pi * SHORT)[:, None])
+    result = OwnScenario(robot, model, alone, controllers=("nominal",)).run(RunOptions(seeds=1))
+    assert result["controllers"]["nominal"]["tracking_rmse"] < 0.1
+    for name in ("sines", "postures"):
+        assert (np.ptp(named_motion(name, nominal).values, axis=0) > 0.01).tolist() == [True, False]
 
 
 def test_a_robot_that_drives_needs_a_path(tmp_path: Path) -> None:
