@@ -119,7 +119,7 @@ def _own(
     nominal = load_robot(robot)
     learned = model if residual_in(read_written(model)) is not None else None
     augmented = augment(nominal, model, learned, dt=dt)
-    factory = None if plant is None else load_factory(plant, "--plant")
+    factory = None if plant is None else load_factory(plant, "--plant", nominal.file.folder)
     with progress_bar() as progress:
         return find_own_scenario()(nominal, augmented, reference, factory, withheld, options, progress)
 

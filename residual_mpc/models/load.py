@@ -6,6 +6,8 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from residual_mpc.errors import BadInput
@@ -14,6 +16,7 @@ from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import RobotFile
 
 GROUP = "residual_mpc.robots"
+_BESIDE: set[Path] = set()  # folders of robot files in which a module was found
 REQUIRED = tuple(name for name in vars(Robot) if not name.startswith("_"))
 
 
@@ -73,20 +76,54 @@ def _factory(robot: RobotFile) -> Callable[[RobotFile], Robot]:
             (f"did you mean {near[0]!r}? " if near else "")
             + f"known plants: {', '.join(sorted(known))}; name your own as package.module:factory",
         )
-    return load_factory(robot.plant, robot.source)
+    return load_factory(robot.plant, robot.source, robot.folder)
 
 
-def load_factory(path: str, where: str) -> Callable[..., Any]:
-    """The function `package.module:factory` of a user's own module. Raises BadInput if it cannot be loaded."""
+def load_factory(path: str, where: str, folder: Path | None = None) -> Callable[..., Any]:
+    """The function `package.module:factory` of a user's own module, which may lie in the folder of the robot file.
+    Raises BadInput if it cannot be loaded."""
     module, colon, name = path.partition(":")
     if not colon:
         raise BadInput(f"{path!r} is not a factory", where, "give package.module:factory")
     try:
         with _leaving_no_bytecode():
-            found = getattr(importlib.import_module(module), name, None)
+            found = getattr(_imported(module, folder, where), name, None)
+    except BadInput:
+        raise
     except Exception as error:  # importing a user's module runs their code
         raise BadInput(f"module {module!r} cannot be imported: {error!r}", where, "fix or install it") from error
     if not callable(found):
         raise BadInput(f"module {module!r} has no factory {name!r}", where, "name a function that takes the robot file")
     factory: Callable[..., Any] = found
     return factory
+
+
+def _imported(module: str, folder: Path | None, where: str) -> ModuleType:
+    """The module, from where Python finds it, else from the folder, which then stays where Python looks: processes
+    that are started later import it again. Raises BadInput for the module of another robot file's folder."""
+    top = module.partition(".")[0]
+    beside = None if folder is None else _beside(top, folder.resolve())
+    try:
+        found = importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name != top or beside is None:
+            raise
+        sys.path.append(str(beside.parent))
+        _BESIDE.add(beside.parent)
+        importlib.invalidate_caches()
+        return importlib.import_module(module)
+    whole = sys.modules[top]
+    at = next(iter(getattr(whole, "__path__", ())), getattr(whole, "__file__", None))
+    loaded = None if at is None else _beside(top, Path(at).resolve().parent)
+    if beside is not None and loaded is not None and loaded != beside and loaded.parent in _BESIDE:
+        raise BadInput(
+            f"the module {top!r} was loaded from {loaded.parent} before, and {beside.parent} has another one", where,
+            "give them different names, or load the robots in different processes",
+        )  # fmt: skip
+    return found
+
+
+def _beside(name: str, folder: Path) -> Path | None:
+    """The module or package of this name in a folder."""
+    module, package = folder / f"{name}.py", folder / name
+    return module if module.is_file() else package if (package / "__init__.py").is_file() else None

@@ -9,6 +9,7 @@ from types import ModuleType
 
 import pytest
 
+import residual_mpc as rm
 from plants.diff_drive import DiffDrive
 from residual_mpc.errors import BadInput
 from residual_mpc.models.load import load_robot
@@ -23,6 +24,31 @@ class Rolling(DiffDrive):
     @property
     def states(self) -> tuple[State, ...]:
         return (State("pose.x", "velocity.x"),)
+
+
+@pytest.mark.parametrize("package", [False, True])
+def test_a_module_beside_the_robot_file_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, package: bool
+) -> None:
+    """From any other folder; one of the same name beside another robot file is not taken for it."""
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.chdir(tmp_path)
+    name = f"a_plant_of_{'packages' if package else 'ones'}_own"
+    for folder, robot in (("one", "first"), ("two", "second")):
+        module = tmp_path / folder / (f"{name}/__init__.py" if package else f"{name}.py")
+        module.parent.mkdir(parents=True)
+        module.write_text(
+            "from plants.diff_drive import DiffDrive\ndef make(robot): return DiffDrive(robot.name, 0.03, 0.2)\n"
+        )
+        text = f'name = "{robot}"\nplant = "{name}:make"\n'
+        (tmp_path / folder / "robot.toml").write_text(text)
+    assert rm.load_robot(tmp_path / "one" / "robot.toml").name == "first"
+    assert rm.load_robot(Path("one/robot.toml")).name == "first"
+    with pytest.raises(BadInput, match=r"loaded from .*one before, and .*two has another one"):
+        rm.load_robot(tmp_path / "two" / "robot.toml")
+    (tmp_path / "one" / "absent.toml").write_text('name = "x"\nplant = "nowhere_to_be_found:make"\n')
+    with pytest.raises(BadInput, match="module 'nowhere_to_be_found' cannot be imported"):
+        rm.load_robot(tmp_path / "one" / "absent.toml")
 
 
 def test_states_must_be_channels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
