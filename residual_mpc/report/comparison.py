@@ -13,6 +13,8 @@ from residual_mpc.report.words.changes import (
     change_clause,
     change_line,
     comparison_sentence,
+    errors_differ,
+    gap_is_explained,
     is_ratio,
     number_words,
     stretch_words,
@@ -28,6 +30,7 @@ __all__ = ["comparison_lines", "comparison_page", "comparison_sentence"]
 Document = Mapping[str, Any]  # comparison.json
 
 TITLES = {"same": "No change found", "changed": "Changed", "partial": "Partly explained", "unknown": "Unknown"}
+NEARLY = "Nearly explained"  # of a partial verdict whose changes explain the gap
 BADGES = {"same": "no_gap", "changed": "effects", "partial": "partial", "unknown": "unknown"}
 MENTIONED = 6  # of the smallest changes that the runs would show, in the terminal
 LIKELY = 0.005  # probability from which another candidate is listed
@@ -72,7 +75,7 @@ def _verdict(document: Document) -> Section:
     body = render(
         "comparison/verdict.html.jinja",
         badge=BADGES[document["verdict"]],
-        title=TITLES[document["verdict"]],
+        title=title_of(document),
         headline=headline,
         verdict=document["verdict"],
         gap=document["gap"],
@@ -83,6 +86,12 @@ def _verdict(document: Document) -> Section:
         visible=bool(document.get("visible")),
     )
     return Section("verdict", "Verdict", body)
+
+
+def title_of(document: Document) -> str:
+    """The verdict in a word or two."""
+    verdict = document["verdict"]
+    return NEARLY if verdict == "partial" and gap_is_explained(document) else TITLES[verdict]
 
 
 def _changes(document: Document) -> Section | None:
@@ -131,6 +140,8 @@ def _gap(document: Document) -> Section:
         "comparison/gap.html.jinja", rows=rows, gap=gap, bars=bars,
         largest=max((b[2] for b in bars), default=0.0) or 1.0,
         changes=_noun(changes) if changes else "", account=_account(document), left=_left(document),
+        finer=document["verdict"] == "partial" and gap_is_explained(document) and errors_differ(document),
+        p=document["unexplained"].get("p"),
     )  # fmt: skip
     return Section("gap", "The gap before and after", body)
 

@@ -149,8 +149,10 @@ def test_sentences_of_the_verdicts():
     assert comparison_sentence(document("unknown")).startswith("The two sets differ, but no change of an effect")
     partial = document("partial")
     assert comparison_sentence(partial).endswith(
-        "no change explains the smaller difference that is left between the two sets."
+        "this explains the gap, but not a smaller difference between the errors of the two sets."
     )
+    partial["unexplained"]["p"] = 0.2
+    assert comparison_sentence(partial).endswith("but another change explains the runs better (see the notes).")
     partial["unexplained"]["share"] = 0.4
     assert comparison_sentence(partial).endswith("this explains only part of the difference between the two sets.")
     assert "explains only part" not in comparison_sentence(document("changed"))

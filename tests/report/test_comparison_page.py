@@ -49,11 +49,21 @@ def test_page_has_no_trace_of_what_is_missing(page):
 
 @pytest.mark.parametrize(
     ("verdict", "badge"),
-    [("same", "no_gap\">No change found"), ("changed", "effects\">Changed"), ("partial", "partial\">Partly explained"),
+    [("same", "no_gap\">No change found"), ("changed", "effects\">Changed"), ("partial", "partial\">Nearly explained"),
      ("unknown", "unknown\">Unknown")],
 )  # fmt: skip
 def test_the_badge_says_the_verdict(verdict, badge):
     assert f'<span class="badge {badge}</span>' in comparison_page(document(verdict))
+
+
+def test_a_difference_that_the_gap_does_not_show_is_said_to_be_finer():
+    some = document("partial")
+    page = comparison_page(some)
+    assert "of the rise of the squared gap unexplained" in page and "is finer than the gap" in page
+    some["unexplained"] |= {"share": 0.4}
+    page = comparison_page(some)
+    assert ">Partly explained</span>" in page and "is finer than the gap" not in page
+    assert "is finer than the gap" not in comparison_page(document("changed"))
 
 
 def test_sections_follow_the_verdict():
@@ -156,7 +166,8 @@ def test_lines_of_what_is_in_doubt():
         "Possibly the gain of the left wheel decreased by 10 %, from 100 % to 90 % of the modelled value "
         "(or wheel radius together with track width) and an output limit appeared (4.97 rad/s); "
     )
-    assert said[0] == f"{changes}no change explains the smaller difference that is left between the two sets."
+    left = "but not a smaller difference between the errors of the two sets."
+    assert said[0] == f"{changes}this explains the gap, {left}"
     some["unexplained"]["share"] = 0.4
     assert comparison_lines(some)[0] == f"{changes}this explains only part of the difference between the two sets."
     assert "  saturation: limit none -> 4.97 rad/s (4.84 to 5.10), probability 0.97" in said

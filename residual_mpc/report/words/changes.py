@@ -25,6 +25,7 @@ SURE = 0.5  # probability from which a change is stated without "possibly"
 FAINT = 0.1  # probability below which a change is left out of the sentence, unless there is none above
 WORSE = 1.5  # times the gap before, from which a larger gap after is remarked where no change was found
 SMALL = 0.05  # share of the rise of the squared gap, below which what is left is a smaller difference
+DIFFER = 0.01  # p value up to which the errors of two sets differ (`contrast.left` of the comparison)
 NONE = 0.02  # share of a number's value on the other side under which something is said to be absent
 
 UNCHANGED = 1e-9  # SI units, below which a number has stayed: a fit leaves rounding errors
@@ -42,9 +43,21 @@ def comparison_sentence(document: Document) -> str:
     said = capital(listed([_or_else(change, document) for change in likely]))
     if verdict == "changed":
         return f"{said}."
-    if document["unexplained"]["share"] < SMALL:
-        return f"{said}; no change explains the smaller difference that is left between the two sets."
-    return f"{said}; this explains only part of the difference between the two sets."
+    if not gap_is_explained(document):
+        return f"{said}; this explains only part of the difference between the two sets."
+    if errors_differ(document):
+        return f"{said}; this explains the gap, but not a smaller difference between the errors of the two sets."
+    return f"{said}; this explains the gap, but another change explains the runs better (see the notes)."
+
+
+def gap_is_explained(document: Document) -> bool:
+    """Whether the changes explain the rise of the gap: what is left of a difference that they do not is finer."""
+    return bool(document["unexplained"]["share"] < SMALL)
+
+
+def errors_differ(document: Document) -> bool:
+    """Whether the errors of the two sets differ beside the changes by more than those of one set among themselves."""
+    return bool(document["unexplained"].get("p", 0.0) <= DIFFER)
 
 
 def _or_else(change: Mapping[str, Any], document: Document) -> str:
