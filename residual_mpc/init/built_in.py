@@ -25,6 +25,7 @@ from residual_mpc.models.robot_file import WHEELS, RobotFile
 HELD, FOLLOWED = 1.0, 0.8  # s over which motions are compared; correlation from which these tell the geometry
 ALIKE = 0.9  # likeness of a column's words to an actuator's or a joint's name
 BODY = ("command.linear", "command.angular")
+CONVERTED = "; it must be the base controller's, since the body velocity is converted to wheel speeds with it"
 SIDES = {"wl": "left", "lw": "left", "wr": "right", "rw": "right"}
 ANGLES = frozenset("position positions pos angle angles ang".split())  # words of columns that hold no ticks
 RADIANS = (None, "rad", "radian", "radians", "rads")
@@ -178,10 +179,11 @@ def _parameters(
     """The nominal parameters, estimated from the odometry if it was computed from the wheel speeds of the log. factors:
     by column, to the units of the log format."""
     told = _geometry(roles, recordings, clock) if set(WHEELS) == set(nominal) else None
+    sent = CONVERTED if set(BODY) <= set(roles) else ""
     if told is not None:
         why = "least squares of the odometry's own speed on the wheel speeds; check it against the robot"
-        return told, [Guess(f"parameters.{k}", f"{v:.6g}", why, 0.8) for k, v in told.items()]
-    why = "the built-in robot's value: write that of your robot"
+        return told, [Guess(f"parameters.{k}", f"{v:.6g}", why + sent, 0.8) for k, v in told.items()]
+    why = f"the built-in robot's value: write that of your robot{sent}"
     rough = _driven_geometry(roles, recordings, clock, factors) if set(WHEELS) == set(nominal) else {}
     reasons = [Guess(f"parameters.{k}", f"{v:.6g}", why + rough.get(k, ""), 0.1) for k, v in nominal.items()]
     return dict(nominal), reasons

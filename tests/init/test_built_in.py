@@ -38,6 +38,7 @@ def written(folder: Path, turned: bool = False, lag: float = 0.1) -> Path:
 def test_wheels_places_and_units_are_found(tmp_path: Path) -> None:
     found = draft_built_in("diff_drive", [written(tmp_path)])
     assert {g.what: g.value for g in found.guesses if g.what in NAMES} == NAMES
+    assert not [g for g in found.guesses if "base controller" in g.why]  # the wheels are commanded themselves
     factors = {m.column: m.factor for m in found.mends}
     assert factors == pytest.approx({"mocap_yaw_deg": np.pi / 180, "mocap_x_mm": 1e-3, "mocap_y_mm": 1e-3})
 
@@ -123,6 +124,8 @@ def test_topics_of_ros_in_one_table(tmp_path: Path, dots: bool) -> None:
     found = draft_built_in("diff_drive", [tmp_path / "one.csv"])
     assert {g.what: g.value for g in found.guesses if g.what in ROS} == names
     assert "pose.theta" not in [m.name for m in found.missing]
+    sizes = [g.why for g in found.guesses if g.what.startswith("parameters.")]
+    assert len(sizes) == 2 and all("must be the base controller's" in why for why in sizes)
     (tmp_path / "robot.toml").write_text(robot_file_text(found, tmp_path))
     (read,) = rm.read_runs(rm.load_robot(tmp_path / "robot.toml"), tmp_path / "one.csv").runs
     heading = read.columns["pose.theta"][np.isfinite(read.columns["pose.theta"])]
