@@ -92,7 +92,7 @@ def runs_of(model: Source) -> Sequence[str]:
     source = written(model)
     paths, _ = diagnosed_runs(source)
     if not paths:
-        raise BadInput("it names no runs that still exist", source.where, "name the runs in `runs`")
+        raise BadInput("it names no runs that still exist", source.where, "name runs with `runs`")
     return paths
 
 
@@ -102,7 +102,7 @@ def _places(out: Path, runs: Sequence[str], to: str) -> list[Path]:
     if len(runs) > 1:
         raise BadInput(
             f"one file cannot hold {len(runs)} runs: each run becomes a file of its own", str(out),
-            "name a folder in `out`",
+            "name a folder with `out`",
         )  # fmt: skip
     return [out]
 

@@ -20,6 +20,4 @@ def robot_beside(document: Mapping[str, object], file: Path) -> str:
     name = str(model.get("robot", ""))
     if name in {e.name for e in entry_points(group=GROUP)}:
         return name
-    raise BadInput(
-        f"it is a model of {name!r}, whose robot file was not found", str(file), "give the file as `robot`"
-    )
+    raise BadInput(f"it is a model of {name!r}, whose robot file was not found", str(file), "give the file as `robot`")
