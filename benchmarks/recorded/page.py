@@ -30,7 +30,8 @@ def document(rows: list[Measured]) -> str:
         "| --- | --- | --- | --- | --- | --- | --- | --- |",
         *(table_line(m) for m in rows),
         "",
-        *each_once([m for m in rows if m.row.name.startswith("so101, fourth")]),
+        *each_once("run of the XL330", [m for m in rows if m.row.name.startswith("xl330, fourth")]),
+        *each_once("motion of the SO-101", [m for m in rows if m.row.name.startswith("so101, fourth")]),
         *(details(m) for m in rows),
         "## Sources\n",
         SOURCES,
@@ -51,14 +52,15 @@ def in_short(shrinks: list[dict[str, Any]]) -> list[str]:
     ]
 
 
-def each_once(fourths: list[Measured]) -> list[str]:
-    """What was expected and came in the mean of the four, where all four were measured."""
+def each_once(what: str, fourths: list[Measured]) -> list[str]:
+    """What was expected and came in the mean of the four, where all four were measured. what: of which each is held out
+    once."""
     shrinks = [m.document["shrink"] for m in fourths if m.document is not None and m.document["shrink"]]
     if len(shrinks) < 4:
         return []
     expected, achieved = ([s[name] for s in shrinks] for name in ("expected", "value"))
     return [
-        "In the four fourths each motion of the SO-101 is held out once. Their mean expected shrink is\n"
+        f"In four fourths each {what} is held out once. Their mean expected shrink is\n"
         f"{fmean(expected):.1%} and their mean achieved shrink {fmean(achieved):.1%}; in a single one the two differ "
         f"by up to {max(abs(e - a) for e, a in zip(expected, achieved, strict=True)):.0%}.\n"
     ]

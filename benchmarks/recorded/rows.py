@@ -34,6 +34,8 @@ MOTIONS = (
     "square_pattern", "staircase_motion", "symmetric_motion", "trapezoidal_profile", "triangle_wave",
     "wave_motion",
 )  # fmt: skip
+GAINS = ("kp100", "kp200", "kp400", "kp800")
+SWINGS = ("lift_and_drop", "sin_sin", "sin_time_square", "up_and_down")
 ROWS = (
     Row("xl330", "xl330", "one servo swinging 0.49 kg, 4 position gains x 4 motions, all 16 runs",
         "The nominal model has no friction at all. Published fits of the same logs have Coulomb friction of 0.013 N m "
@@ -46,6 +48,9 @@ ROWS = (
         "fitted with the motor on throughout, judged on the four runs in which it is mostly off",
         "With the motor off, its gain, limit and delay have no effect: only the effects of the link itself are left.",
         options=("--held-out", "*_lift_and_drop")),
+    *(Row(f"xl330, fourth {k + 1}", "xl330", "one servo, four runs held out: each gain and each motion once",
+          "Together with the other three fourths, each run is held out once.",
+          options=tuple(f"--held-out={gain}_{SWINGS[(k + i) % 4]}" for i, gain in enumerate(GAINS))) for k in range(4)),
     Row("husky_drive", "husky_drive", "skid-steered base, 402 runs of 2 s",
         "Half of the rows command more than 6.9 rad/s, which the wheels never exceed. The robot turns about 0.38 times "
         "as far as the encoders give (a track 2.6 times as wide), and drives 0.82 times as far. Four numbers describe "

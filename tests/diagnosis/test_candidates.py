@@ -45,18 +45,26 @@ def test_sets_share_the_likelihood() -> None:
     assert found == pytest.approx({(RADIUS, TRACK): 4 / 9, (GAIN, TRACK): 4 / 9, (SLIP, TRACK): 1 / 9})
 
 
+SURE = {RADIUS: 0.9, TRACK: 0.9}
+
+
+def test_a_rival_is_as_sure_as_what_it_would_replace() -> None:
+    found = {c.term: c.probability for c in candidates(RIVALRY, fit(100.0), FINAL, {RADIUS: 0.5, TRACK: 0.9}, (), {})}
+    assert found == pytest.approx({RADIUS: 0.2, GAIN: 0.2, SLIP: 0.1, TRACK: 0.9})
+
+
 def test_a_candidate_has_its_share_of_what_any_cause_gets_and_the_shrink_of_its_set() -> None:
     """The gap is the root of the cost: from 100 to 25 it halves, to 36 it loses 0.4."""
-    found = {c.term: c for c in candidates(RIVALRY, fit(100.0), FINAL, 0.9, (), {TRACK: 0.5})}
+    found = {c.term: c for c in candidates(RIVALRY, fit(100.0), FINAL, SURE, (), {TRACK: 0.5})}
     probabilities = {RADIUS: 0.36, GAIN: 0.36, SLIP: 0.18, TRACK: 0.45}
     assert {t: c.probability for t, c in found.items()} == pytest.approx(probabilities)
     assert {t: c.shrink for t, c in found.items()} == pytest.approx({RADIUS: 0.5, TRACK: 0.5, GAIN: 0.5, SLIP: 0.4})
-    ranked = [c.probability for c in candidates(RIVALRY, fit(100.0), FINAL, 0.9, (), {})]
+    ranked = [c.probability for c in candidates(RIVALRY, fit(100.0), FINAL, SURE, (), {})]
     assert ranked == sorted(ranked, reverse=True)
 
 
 def test_what_a_later_look_refuted_is_not_probable() -> None:
-    found = {c.term: c.probability for c in candidates(RIVALRY, fit(100.0), FINAL, 0.9, (SLIP,), {})}
+    found = {c.term: c.probability for c in candidates(RIVALRY, fit(100.0), FINAL, SURE, (SLIP,), {})}
     assert found[SLIP] == 0.0 and found[GAIN] == pytest.approx(0.36)
 
 

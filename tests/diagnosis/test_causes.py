@@ -65,7 +65,8 @@ def found(
     of = explained(problem, fit, **others)
     some = dict.fromkeys(fit.terms, 1.0) | (doubt or {})
     supports = dict.fromkeys(fit.terms, replace(SURE, beside=beside))
-    return {c.term: c for c in causes_of(of, 0.0, sure, supports, some, values_without, TUNED)}
+    each = dict.fromkeys(fit.terms, sure)
+    return {c.term: c for c in causes_of(of, 0.0, each, supports, some, values_without, TUNED)}
 
 
 def test_a_cause_is_as_sure_as_all_allows_that_speaks_for_it() -> None:
@@ -114,7 +115,7 @@ def test_a_number_at_the_limit_of_what_can_be_is_as_sure(monkeypatch: pytest.Mon
     gain = BY_NAME["actuator_gain"].parameter("gain")
     assert BY_NAME["joint_compliance"].parameter("damping_behind").limits and not gain.limits
     effect = replace(BY_NAME["actuator_gain"], parameters=(replace(gain, limits=True),))
-    monkeypatch.setattr("residual_mpc.diagnosis.results.causes.BY_NAME", {**BY_NAME, "actuator_gain": effect})
+    monkeypatch.setattr("residual_mpc.diagnosis.results.intervals.BY_NAME", {**BY_NAME, "actuator_gain": effect})
     causes = found({SCALE: 1.2, GAIN: SPACE.bounds(GAIN)[1] + 1.0})
     assert causes[GAIN.term].probability == pytest.approx(causes[SCALE.term].probability)
     assert not causes[GAIN.term].parameters[0].note

@@ -42,7 +42,7 @@ def estimates(
     terms = of.final.terms
     supports, doubt = dict.fromkeys(terms, Support((), 1.0)), dict.fromkeys(terms, 1.0)
     doubt[terms[0]] = 0.5 if lacking else 1.0
-    causes = causes_of(of, unexplained, 1.0, supports, doubt, lambda terms: lacking, settings)
+    causes = causes_of(of, unexplained, dict.fromkeys(terms, 1.0), supports, doubt, lambda terms: lacking, settings)
     return {e.name: e for cause in causes for e in cause.parameters}
 
 

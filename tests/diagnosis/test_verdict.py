@@ -116,6 +116,17 @@ def test_how_sure_an_effect_may_be_falls_with_what_is_left() -> None:
     assert most_sure("unknown", 1.0, 50.0, 1.0, settings=ResultSettings()) == 0.0
 
 
+def test_an_effect_that_stands_far_above_what_is_left_is_no_shadow_of_it() -> None:
+    """Ten times what is left, squared, are not enough; from a hundred times on nothing is lost for it."""
+    tuned = ResultSettings()
+    ratios = (0.0, 10.0, 30.0, 100.0, 1e4)
+    few, ten, some, hundred, far = (
+        most_sure("partial", 0.2, 12.0, 1.0, settings=tuned, standing=ratio) for ratio in ratios
+    )
+    assert few == ten < some < hundred == far == pytest.approx(tuned.causes.most_sure * tuned.causes.most_partial)
+    assert few < 0.5
+
+
 def rest(kind: str, share: float) -> Rest:
     curve = Curve("forward", (), (), (), "", "")
     return Rest((), Where((), (), ()), 1.0, (Dependence(kind, kind, None, "added", share, 0.0, (), curve),), None)

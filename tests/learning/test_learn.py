@@ -17,6 +17,7 @@ import residual_mpc as rm
 from plants.diff_drive import DiffDrive
 from residual_mpc.cli.main import main
 from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.predict import replay
 from residual_mpc.learning.batch import checkpoint
 from residual_mpc.learning.batch.training import Task, TrainingResult, train
 from residual_mpc.learning.batch.window_linearisation import linearise_window
@@ -116,6 +117,21 @@ def test_a_cost_stands_on_both_sides_of_its_channel(runs):
     np.testing.assert_allclose(costly.measured.reference, cost * plain.measured.reference)
     np.testing.assert_allclose(costly.window.predict(theta), cost * plain.window.predict(theta))
     np.testing.assert_allclose(costly.measured.noise, plain.measured.noise)
+
+
+def test_a_window_of_many_outputs_is_replayed_in_parts(runs, monkeypatch):
+    """An arm of seven joints has more pushes in a window than fit into memory at once."""
+    data = build_dataset(runs[:1], [ROVER], {}, 1.0)
+    seen, everything = np.ones(data.count, dtype=bool), np.ones(len(data.channels), dtype=bool)
+    made = []
+    for room in (replay.ROOM, 3000):
+        monkeypatch.setattr(replay, "ROOM", room)
+        problem, blank = build_training_problem(
+            data, form_named("body"), 0.05, LearnSettings(), Settings(1), (), seen, everything, np.random.default_rng(0)
+        )
+        made.append(linearise_window(problem, blank, 2, 0.1 * blank.output_scale, np.zeros(len(data.channels))))
+    theta = np.random.default_rng(1).standard_normal(made[0].window.net.size)
+    np.testing.assert_allclose(made[1].window.predict(theta), made[0].window.predict(theta))
 
 
 def test_jumps_of_the_localisation_are_not_learned_from(runs):

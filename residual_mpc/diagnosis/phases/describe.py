@@ -24,10 +24,11 @@ from residual_mpc.diagnosis.results.next_experiment import next_experiment
 from residual_mpc.diagnosis.results.records import Candidate, Cause, Diagnosis, DiagnosisResult, GapStep, StageShare
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.stages import staged
-from residual_mpc.diagnosis.results.support import doubts
+from residual_mpc.diagnosis.results.support import Support, doubts
 from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.diagnosis.results.verdict import beats_forecast, clearest, deciding, judged_share
 from residual_mpc.diagnosis.search.acceptance import Ruler
+from residual_mpc.effects.laws import is_law
 from residual_mpc.models.settings import Term
 
 LIKELY = 0.5  # probability of an effect, with what the runs do not tell from it, from which it explains a gap
@@ -73,8 +74,9 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     # a slow effect hardly shows in the headline's gap: what is left counts where the gap is clearest
     unexplained = judged_share(clearest(found.looks)) if helps else share
     beats = beats_forecast(found.looks[0], found.constant_velocity)
-    sure = most_sure(verdict, unexplained, _times_floor(found), beats, settings=settings)
-    sure = min(sure, settings.causes.coarse) if found.coarse else sure
+    told = (verdict, unexplained, _times_floor(found), beats)
+    most = settings.causes.coarse if found.coarse else 1.0
+    sure = {t: min(most_sure(*told, settings=settings, standing=_stands(t, s)), most) for t, s in supports.items()}
     weak = doubts(supports, extras.rest, settings=settings)
     doubt = {t: d * steadiness(t, validated.varying, settings) for t, d in weak.items()}
     groups = tuple(g for g in of.rivalry.groups if not any(t in of.left_out for m in g for t in m)) if helps else ()
@@ -82,9 +84,9 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     every_doubt = {**shared(weak, groups), **doubt}
     others = alternatives(of.rivalry, groups, final, settings=settings) if helps else ()
     refitted = partial(refitted_without, of, steps=validated.options.final_steps, settings=settings)
-    told = (of, share, sure, supports, doubt, refitted)
-    causes = causes_of(*told, settings=settings, varying=validated.varying) if helps else ()
-    looked_at = candidates(of.rivalry, of.base, final, sure, of.left_out, every_doubt) if helps else ()
+    named = (of, share, sure, supports, doubt, refitted)
+    causes = causes_of(*named, settings=settings, varying=validated.varying) if helps else ()
+    looked_at = candidates(of.rivalry, of.base, final, shared(sure, groups), of.left_out, every_doubt) if helps else ()
     if verdict == "effects" and not found.told and not _likely(causes, looked_at, groups):
         verdict = "partial"  # a gap that is small anyway confirms nothing
     odd = one_run(of, found)
@@ -128,6 +130,11 @@ def _likely(causes: Sequence[Cause], looked_at: Sequence[Candidate], groups: Seq
     alike = [{t for m in g for t in m} for g in groups]
     sums = (sum(known.get(t, 0.0) for t in {c.term, *(t for g in alike if c.term in g for t in g)}) for c in causes)
     return any(x >= LIKELY for x in sums)
+
+
+def _stands(term: Term, support: Support) -> float:
+    """How far an effect stands above what is left; a law takes up whatever there is."""
+    return 0.0 if is_law(term.effect) else support.standing
 
 
 def shared(doubt: Mapping[Term, float], groups: Sequence[ConfoundedGroup]) -> dict[Term, float]:

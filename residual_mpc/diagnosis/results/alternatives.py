@@ -16,23 +16,27 @@ def candidates(
     rivalry: Rivalry,
     base: Fit,
     final: Fit,
-    sure: float,
+    sure: Mapping[Term, float],
     left_out: tuple[Term, ...],
     doubt: Mapping[Term, float],
 ) -> tuple[Candidate, ...]:
-    """Every term that was seriously compared, with its probability and what the fit with it leaves; left_out: what the
-    search had found and a later look refuted; doubt: factors on the named effects' probabilities."""
+    """Every term that was seriously compared, with its probability and what the fit with it leaves; sure: what each
+    named effect, or another in its place, gets without a rival; left_out: what the search had found and a later look
+    refuted; doubt: factors on the named effects' probabilities."""
+    least = min(sure.values(), default=0.0)
+    in_place = dict(sure)
     costs: dict[Term, float] = dict.fromkeys(final.terms, final.cost)
     for r in rivalry.rivals:
         for t in r.came:
             costs.setdefault(t, r.fit.cost * final.cost / max(rivalry.fit.cost, 1e-12))
+            in_place.setdefault(t, min(sure.get(g, least) for g in r.gone))
     for t in rivalry.shares:  # what a group's first member took the place of
         costs.setdefault(t, final.cost)
     shares = {t: s for t, s in rivalry.shares.items() if t not in left_out}
     out = [
         Candidate(
             t,
-            sure * shares.get(t, 0.0) * doubt.get(t, 1.0),
+            in_place.get(t, least) * shares.get(t, 0.0) * doubt.get(t, 1.0),
             float(1.0 - np.sqrt(max(c, 0.0) / max(base.cost, 1e-12))),
         )
         for t, c in costs.items()

@@ -30,14 +30,14 @@ ValuesWithout = Callable[[Sequence[Term]], Mapping[Knob, tuple[float, ...]]]
 def causes_of(
     of: FittedExplanation,
     unexplained: float,
-    sure: float,
+    sure: Mapping[Term, float],
     supports: Mapping[Term, Support],
     doubt: Mapping[Term, float],
     values_without: ValuesWithout,
     settings: ResultSettings,
     varying: Container[Term] = (),
 ) -> tuple[Cause, ...]:
-    """unexplained: share of the squared gap beyond the floor that is left; sure: what a cause without a rival gets;
+    """unexplained: share of the squared gap beyond the floor that is left; sure: what each effect gets without a rival;
     supports and doubt: of each effect, see `support`; values_without: see `refitted_without`; varying: effects whose
     sizes in parts of the runs are told."""
     final, named = of.final, [t for t in of.final.terms if not is_law(t.effect)]
@@ -54,12 +54,12 @@ def causes_of(
         summary, evidence = BY_NAME[term.effect].summary, supports[term].evidence
         if term not in sized:
             law = _law(of, term, settings=settings)
-            causes.append(Cause(term, sure * factors[term], (), summary, None, evidence, law))
+            causes.append(Cause(term, sure[term] * factors[term], (), summary, None, evidence, law))
             continue
         estimates = estimates_of(of, term, spread, unexplained, lacking, settings=settings) if lacking else sized[term]
         slots = of.problem.space.slots[term.effect]
         only = slots[0] if len(slots) == 1 and BY_NAME[term.effect].target in ("actuator", "joint", "body") else None
-        probability = sure * of.rivalry.shares.get(term, 1.0) * factors[term]
+        probability = sure[term] * of.rivalry.shares.get(term, 1.0) * factors[term]
         causes.append(Cause(term, probability, estimates, summary, only, evidence))
     if of.with_outliers:
         causes.append(_outliers(of, settings=settings))
@@ -138,15 +138,23 @@ def _outliers(of: FittedExplanation, settings: ResultSettings) -> Cause:
 
 
 def most_sure(
-    verdict: str, unexplained: float, times_floor: float, beats_forecast: float, settings: ResultSettings
+    verdict: str,
+    unexplained: float,
+    times_floor: float,
+    beats_forecast: float,
+    settings: ResultSettings,
+    standing: float = 0.0,
 ) -> float:
-    """The probability of a cause without a rival: where much is left, something else than the library's effects is at
-    work, and what was named may be its shadow. That a gap is too small to matter says nothing of its cause.
-    times_floor: the gap that is left over the noise floor, the largest of all horizons; beats_forecast: the share that
-    the explained model removes of a constant-velocity forecast's squared gap."""
+    """The probability of a cause without a rival. Where much is left, something else than the library's effects is at
+    work, and what was named may be its shadow, unless it makes far more of the motion than that. That a gap is too
+    small to matter says nothing of its cause. times_floor: the gap that is left over the noise floor, the largest of
+    all horizons; beats_forecast: the share that the explained model removes of a constant-velocity forecast's squared
+    gap; standing: see `Support`."""
     tuned = settings.causes
     beyond = float(np.clip(2.0 * (times_floor / AS_GOOD - 1.0), 0.0, 1.0)) if verdict == "effects" else 1.0
     most = 1.0 - (1.0 - tuned.most_partial) * beyond
     shadow = max(most - tuned.shadow * float(np.log(max(times_floor / AS_GOOD, 1.0))), tuned.least_sure)
     useful = max(min(beats_forecast / tuned.useful, 1.0), tuned.least_sure)
-    return tuned.most_sure * (1.0 - unexplained) * shadow * useful
+    least = (1.0 - unexplained) * shadow
+    rank = np.log(max(standing / tuned.outweighed, 1.0)) / np.log(tuned.outweighs / tuned.outweighed)
+    return tuned.most_sure * (least + (most - least) * min(float(rank), 1.0)) * useful

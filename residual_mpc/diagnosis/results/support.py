@@ -40,13 +40,15 @@ class Support:
     fails: whether leaving one out removes it, False with a single run; strength: how much the squared gap rises without
     it, in units of the squared noise floor, at the horizon where that is most; size: its own, in units of the small
     differences in everything else, infinite where there are none; beside: the root of that rise over the largest one of
-    another effect, infinite where there is none."""
+    another effect, infinite where there is none; standing: the rise that lasts over the squared gap that all named
+    effects leave beyond the floor, at the horizon where that is most."""
 
     evidence: tuple[str, ...]
     strength: float
     size: float = np.inf
     fails: bool = False
     beside: float = np.inf
+    standing: float = np.inf
 
 
 def support_of(
@@ -67,7 +69,8 @@ def support_of(
         strength = float(max(r.without[k] for r in rises))
         evidence = ("fits", *(("predicts",) if strength > 0.0 else ()), *(("survives",) if lasts[term] else ()))
         size, fails, beside = _size(of, term, settings=settings), several and not lasts[term], _beside(rises, k)
-        out[term] = Support(evidence, strength, size, fails, beside)
+        standing = float(max(r.lasting[k] / max(r.left, 1.0) for r in rises))
+        out[term] = Support(evidence, strength, size, fails, beside, standing)
     return out
 
 
@@ -114,12 +117,13 @@ def _size(of: FittedExplanation, term: Term, settings: ResultSettings) -> float:
 class Rises:
     """By how much the squared gap over one horizon rises, in units of the squared floor: without (T,) each of the
     effects; lasting (T,): likewise, where the others' numbers make up for it as far as they can; with only (T,) each of
-    them, and with none."""
+    them, and with none. left: the squared gap with all of them beyond the floor, in the same units."""
 
     without: np.ndarray
     lasting: np.ndarray
     only: np.ndarray
     none: float
+    left: float = 0.0
 
 
 def _beside(horizons: Sequence[Rises], k: int) -> float:
@@ -171,7 +175,8 @@ def _rises(
     whole, *more = [gap_of(data, scales, e, trust).total ** 2 for e in errors]
     rises = (np.array(more) - whole) / max(floor**2, 1e-12)
     plain, moved, alone = rises[:-1].reshape(3, len(terms))
-    return Rises(plain, np.fmin(plain, moved), alone, float(rises[-1]))
+    beyond = max(whole - floor**2, 0.0) / max(floor**2, 1e-12)
+    return Rises(plain, np.fmin(plain, moved), alone, float(rises[-1]), beyond)
 
 
 def _survives(run: np.ndarray, final: Fit, settings: ResultSettings) -> dict[Term, bool]:

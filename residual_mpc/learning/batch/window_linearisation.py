@@ -186,14 +186,16 @@ def _recorded(
 ) -> tuple[Robot, list[FormRollout]]:
     """The base with the residuals, pushed, and a list to which each of its replays adds what it rolled out.
 
-    push (H, N, outputs): row h is for hypothesis h.
+    push (H, N, outputs): row h is for hypothesis h of one window; many hypotheses are replayed in parts, in order.
     """
     delta, rolled = sum_of_outputs((*problem.fixed, learned)), list[FormRollout]()
 
     def replayed(
         robot: Robot, start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
     ) -> Mapping[str, np.ndarray]:
-        rolled.append(problem.form.roll(robot, delta, learned.step, start, drive, settings, wanted, push))
+        done = sum(len(r.velocity) for r in rolled)
+        part = None if push is None else push[done : done + settings.rows]
+        rolled.append(problem.form.roll(robot, delta, learned.step, start, drive, settings, wanted, part))
         return rolled[-1].nodes
 
     return Wrapped(base, replayed), rolled
