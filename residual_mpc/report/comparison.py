@@ -30,7 +30,6 @@ __all__ = ["comparison_lines", "comparison_page", "comparison_sentence"]
 Document = Mapping[str, Any]  # comparison.json
 
 TITLES = {"same": "No change found", "changed": "Changed", "partial": "Partly explained", "unknown": "Unknown"}
-NEARLY = "Nearly explained"  # of a partial verdict whose changes explain the gap
 BADGES = {"same": "no_gap", "changed": "effects", "partial": "partial", "unknown": "unknown"}
 MENTIONED = 6  # of the smallest changes that the runs would show, in the terminal
 LIKELY = 0.005  # probability from which another candidate is listed
@@ -75,7 +74,7 @@ def _verdict(document: Document) -> Section:
     body = render(
         "comparison/verdict.html.jinja",
         badge=BADGES[document["verdict"]],
-        title=title_of(document),
+        title=TITLES[document["verdict"]],
         headline=headline,
         verdict=document["verdict"],
         gap=document["gap"],
@@ -86,12 +85,6 @@ def _verdict(document: Document) -> Section:
         visible=bool(document.get("visible")),
     )
     return Section("verdict", "Verdict", body)
-
-
-def title_of(document: Document) -> str:
-    """The verdict in a word or two."""
-    verdict = document["verdict"]
-    return NEARLY if verdict == "partial" and gap_is_explained(document) else TITLES[verdict]
 
 
 def _changes(document: Document) -> Section | None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from residual_mpc.report.comparison import BADGES, comparison_sentence, title_of
+from residual_mpc.report.comparison import BADGES, TITLES, comparison_sentence
 from residual_mpc.report.drive import NAME as DRIVE
 from residual_mpc.report.drive import better, drive_sentence
 from residual_mpc.report.learned import TITLES as LEARNED
@@ -111,7 +111,7 @@ def _comparison(d: Document) -> Read:
     verdict, gap = d["verdict"], d["gap"]
     explained = gap["after_explained"] if d["changes"] else None
     bar = _bar("gap on the runs after", "with the change in the model", gap["after"], explained)
-    return "comparison", BADGES[verdict], title_of(d), d.get("verdict_sentence") or comparison_sentence(d), bar
+    return "comparison", BADGES[verdict], TITLES[verdict], d.get("verdict_sentence") or comparison_sentence(d), bar
 
 
 def _learned(d: Document) -> Read:

@@ -97,7 +97,7 @@ def test_exactly_what_is_named() -> None:
     [[KeptBack("run7")], [KeptBack("run0"), KeptBack("run1")], [KeptBack("run0", 2.2, 2.9)]],
 )
 def test_what_cannot_be_kept_back_is_refused(kept: list[KeptBack]) -> None:
-    with pytest.raises(BadInput, match="--held-out"):
+    with pytest.raises(BadInput, match="`held_out`"):
         held_out_mask(dataset(6.0, 6.0), kept)
 
 

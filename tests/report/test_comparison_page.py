@@ -49,7 +49,7 @@ def test_page_has_no_trace_of_what_is_missing(page):
 
 @pytest.mark.parametrize(
     ("verdict", "badge"),
-    [("same", "no_gap\">No change found"), ("changed", "effects\">Changed"), ("partial", "partial\">Nearly explained"),
+    [("same", "no_gap\">No change found"), ("changed", "effects\">Changed"), ("partial", "partial\">Partly explained"),
      ("unknown", "unknown\">Unknown")],
 )  # fmt: skip
 def test_the_badge_says_the_verdict(verdict, badge):

@@ -71,7 +71,7 @@ def measure_scales(data: Dataset) -> Scales:
         raise BadInput(
             f"no channel moves by more than its noise and resolution within a window of {data.horizon:g} s: {names}",
             "runs",
-            "record a motion, or give a longer --horizon",
+            "record a motion, or give a longer horizon",
         )
     return Scales(np.where(s > 0, s, 1.0), still, compared)  # a still channel's size is never used
 

@@ -97,7 +97,7 @@ def held_out_mask(data: Dataset, kept: Sequence[KeptBack]) -> np.ndarray:
     for k in kept:
         if k.run not in names:
             raise BadInput(
-                f"held-out run {k.run!r} is not among the runs", "--held-out", f"the runs are {', '.join(names[:12])}"
+                f"held-out run {k.run!r} is not among the runs", "`held_out`", f"the runs are {', '.join(names[:12])}"
             )
         mine = data.run == names.index(k.run)
         if k.start is not None and k.end is not None:
@@ -106,7 +106,7 @@ def held_out_mask(data: Dataset, kept: Sequence[KeptBack]) -> np.ndarray:
     if kept and (mask.all() or not mask.any()):
         raise BadInput(
             f"some but not all windows must be held out, got {int(mask.sum())} of {data.count}",
-            "--held-out",
+            "`held_out`",
             "hold out some windows and leave some for the fit",
         )
     return mask
