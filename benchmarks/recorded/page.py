@@ -60,7 +60,7 @@ def each_once(what: str, fourths: list[Measured]) -> list[str]:
         return []
     expected, achieved = ([s[name] for s in shrinks] for name in ("expected", "value"))
     return [
-        f"In four fourths each {what} is held out once. Their mean expected shrink is\n"
+        f"In the four fourths each {what} is held out once. Their mean expected shrink is\n"
         f"{fmean(expected):.1%} and their mean achieved shrink {fmean(achieved):.1%}; in a single one the two differ "
         f"by up to {max(abs(e - a) for e, a in zip(expected, achieved, strict=True)):.0%}.\n"
     ]

@@ -112,8 +112,7 @@ def usable(runs: Runs) -> Runs:
     """The runs. Raises BadInput where the audit forbids using them."""
     worst = next((f for f in runs.findings if f.severity == "error"), None)
     if worst is not None:
-        where = ", ".join(x for x in (worst.run, worst.about) if x)
-        raise BadInput(worst.message, where, worst.remedy)
+        raise BadInput(worst.message, worst.where, worst.remedy)
     return runs
 
 

@@ -28,9 +28,8 @@ def check(robot: str, runs: tuple[str, ...], as_json: bool, seed: int) -> None:
             click.echo(line)
     if not found.usable:
         first = found.errors[0]
-        where = ", ".join(x for x in (first.run, first.about) if x)
         raise BadInput(
             f"{count(len(found.errors), 'error')} to fix before these runs can be used; the first: {first.message}",
-            where,
+            first.where,
             first.remedy,
         )

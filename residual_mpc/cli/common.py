@@ -70,8 +70,7 @@ def show_findings(findings: "Sequence[Finding]") -> None:
     """Warnings on stderr; what is merely noted is counted."""
     for f in findings:
         if f.severity != "info":
-            where = ", ".join(x for x in (f.run, f.about) if x)
-            click.echo(f"{f.severity}: {BadInput(f.message, where, f.remedy)}", err=True)
+            click.echo(f"{f.severity}: {BadInput(f.message, f.where, f.remedy)}", err=True)
     noted = sum(f.severity == "info" for f in findings)
     if noted:
         click.echo(

@@ -93,9 +93,8 @@ def _command(words: list[str]) -> str:
 
 def _report(drafted: "Draft", trial: "Trial", out: Path, following: str, mended: Path | None) -> None:
     for finding in trial.findings:
-        where = ", ".join(x for x in (finding.run, finding.about) if x)
         remedy = f" -> {finding.remedy}" if finding.remedy else ""
-        click.echo(f"{finding.severity}: {where + ': ' if where else ''}{finding.message}{remedy}")
+        click.echo(f"{finding.severity}: {finding.where + ': ' if finding.where else ''}{finding.message}{remedy}")
     rivals = sum(bool(g.rivals) for g in drafted.guesses)
     weak = sum(g.sure < LIKELY for g in drafted.guesses)
     count = f"{len(drafted.guesses)} guesses, {_of(rivals)}" + (f", {weak} below {LIKELY:.0%}" if weak else "")

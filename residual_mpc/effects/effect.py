@@ -115,7 +115,7 @@ class Parameter:
     most: float = float("inf")
     within: Reference | None = None  # the robot's own size that this number stays within, on both sides
     optional: bool = False  # stays at its null value unless the runs show that it has another
-    limits: bool = False  # its bounds are limits of what can be, at which it may well be
+    physical_bounds: bool = False  # at its bounds a value is no sign of a wrong effect
     tried: float | None = None  # the value of an optional number at which the other numbers' probes are tried as well
     cover: float = 0.0  # of a number of cycles a turn: the cycles that a joint has to turn through, to show them
 

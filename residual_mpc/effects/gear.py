@@ -2,8 +2,8 @@
 
 from residual_mpc.effects.effect import Parameter
 
-# A model gives a joint one damping; of motor and link it acts on the motor unless this says otherwise. More than all of
-# it would be another viscous friction, which a rigid gear has as well.
+# A model gives a joint one damping. All of it acts on the motor unless this moves a share to the link. A share above 1
+# would be further viscous friction, which is an effect of its own.
 DAMPING_BEHIND = Parameter(
     "damping_behind",
     "1",
@@ -15,5 +15,5 @@ DAMPING_BEHIND = Parameter(
     quantity="damping behind the gear",
     optional=True,
     tried=1.0,
-    limits=True,
+    physical_bounds=True,
 )

@@ -11,7 +11,7 @@ from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
 
 USUAL_PERIOD = 0.02  # s
-MEASURED = 1e-4  # of a period, to which one that was measured is known
+PERIOD_TOLERANCE = 1e-4  # relative accuracy of a measured period
 USUAL_NOISE = 2e-3  # rad, m: of a robot that has no runs yet
 
 
@@ -56,7 +56,8 @@ def setup_from_runs(
     try:
         known = {a: (float(b["low"]), float(b["high"])) for a, b in made["commands"].items()}
         sigma, start = ({c: float(v) for c, v in made[key].items()} for key in ("sigma", "start"))
-        period, switches, dispersion = _plain(float(made["period"])), bool(made["switches"]), float(made["dispersion"])
+        period = _nominal_period(float(made["period"]))
+        switches, dispersion = bool(made["switches"]), float(made["dispersion"])
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise BadInput(
             f"its record of how the runs were driven cannot be read: {error!r}", where, "diagnose the runs again"
@@ -68,10 +69,10 @@ def setup_from_runs(
     return DriveSetup(robot.actuators, low, high, home, period, sigma, start, switches, dispersion)
 
 
-def _plain(period: float) -> float:
-    """A measured period as it was meant where that has three digits: 0.0199999 s is 0.02, and a thirtieth stays."""
+def _nominal_period(period: float) -> float:
+    """Rounded to three digits where that changes it by less than its accuracy: 0.0199999 s is 0.02, 1/30 s stays."""
     digits = float(f"{period:.3g}")
-    return digits if abs(digits - period) <= MEASURED * period else period
+    return digits if abs(digits - period) <= PERIOD_TOLERANCE * period else period
 
 
 def setup_from_model(robot: Robot, limits: Mapping[str, tuple[float, float]]) -> DriveSetup:

@@ -37,6 +37,11 @@ class Finding:
     remedy: str = ""
 
     @property
+    def where(self) -> str:
+        """The run and the column, where the message does not name it."""
+        return ", ".join(x for x in (self.run, self.about) if x)
+
+    @property
     def about(self) -> str:
         """The column, where the message does not name it."""
         return "" if self.column in self.message else self.column

@@ -46,8 +46,8 @@ def check_columns(runs: Sequence[Run], robots: Sequence[Robot]) -> None:
                 raise BadInput(
                     f"column command.{actuator} is for an actuator that is held still",
                     f"{run.source}, run {run.name}",
-                    "to keep it held, delete its line under [log] in the robot file, or the column; to move it, remove "
-                    "it from `held` there, or set joint=... as its transmission in the model",
+                    "to keep it held, delete its line under [log] in the robot file, or the column; to drive it, "
+                    "remove it from `held` in the robot file, or give the actuator joint=... in the model",
                 )
         for actuator in robot.actuators:
             if f"command.{actuator}" not in run.columns:

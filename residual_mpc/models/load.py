@@ -117,8 +117,8 @@ def _imported(module: str, folder: Path | None, where: str) -> ModuleType:
     loaded = None if at is None else _beside(top, Path(at).resolve().parent)
     if beside is not None and loaded is not None and loaded != beside and loaded.parent in _BESIDE:
         raise BadInput(
-            f"the module {top!r} was loaded from {loaded.parent} before, and {beside.parent} has another one", where,
-            "give them different names, or load the robots in different processes",
+            f"the module {top!r} is already loaded from {loaded.parent}, and {beside.parent} has another of that name",
+            where, "rename one of them, or load each robot in a process of its own",
         )  # fmt: skip
     return found
 

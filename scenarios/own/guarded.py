@@ -81,7 +81,7 @@ class _GuardedPlant:
         return {c: self._last[c] for c in found}
 
     def step(self, command: np.ndarray, dt: float) -> None:
-        self._guarded("`step`", lambda: self._inner.step(command, dt))
+        self._guarded("`step()`", lambda: self._inner.step(command, dt))
 
     def close(self) -> None:
         with suppress(Exception) if self._failed else nullcontext():  # the first failure is the one to report

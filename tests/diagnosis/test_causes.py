@@ -113,8 +113,8 @@ def test_a_small_effect_on_its_bound_widens_the_intervals_of_the_others(beside: 
 def test_a_number_at_the_limit_of_what_can_be_is_as_sure(monkeypatch: pytest.MonkeyPatch) -> None:
     """All of a joint's damping may sit behind its gear."""
     gain = BY_NAME["actuator_gain"].parameter("gain")
-    assert BY_NAME["joint_compliance"].parameter("damping_behind").limits and not gain.limits
-    effect = replace(BY_NAME["actuator_gain"], parameters=(replace(gain, limits=True),))
+    assert BY_NAME["joint_compliance"].parameter("damping_behind").physical_bounds and not gain.physical_bounds
+    effect = replace(BY_NAME["actuator_gain"], parameters=(replace(gain, physical_bounds=True),))
     monkeypatch.setattr("residual_mpc.diagnosis.results.intervals.BY_NAME", {**BY_NAME, "actuator_gain": effect})
     causes = found({SCALE: 1.2, GAIN: SPACE.bounds(GAIN)[1] + 1.0})
     assert causes[GAIN.term].probability == pytest.approx(causes[SCALE.term].probability)

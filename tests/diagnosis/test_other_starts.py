@@ -29,7 +29,7 @@ def found(
     """What `other_start` reads of a search that took `first` first, from gaps; the noise alone makes one of 0.001."""
     steps = () if first is None else (SimpleNamespace(terms=first),)
     ruler: Any = SimpleNamespace(floor=0.001**2, squared=lambda fits: (nominal**2, left**2))
-    ruler.clear = partial(Ruler.clear, ruler)
+    ruler.threshold = partial(Ruler.threshold, ruler)
     problem = SimpleNamespace(space=SimpleNamespace(candidates=candidates))
     return SimpleNamespace(steps=steps, ruler=ruler, fit=None, base=None, problem=problem)
 

@@ -25,7 +25,7 @@ from residual_mpc.diagnosis.predict.noise_floor import floor_from
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.predict.step_error import step_error, within_step_error
-from residual_mpc.diagnosis.results import causes, gaps
+from residual_mpc.diagnosis.results import gaps, intervals
 from residual_mpc.diagnosis.results.own_step import Seen, _explained
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.step_shift import finely_stepped
@@ -137,7 +137,7 @@ def test_the_fit_of_a_finer_step_is_foretold(tmp_path: Path) -> None:
 
 def test_the_interval_holds_the_fit_of_a_finer_step(monkeypatch: pytest.MonkeyPatch) -> None:
     knob = Knob("track_width", None, "scale")
-    monkeypatch.setattr(causes, "finely_stepped", lambda problem, fit: {knob: 1.5})
+    monkeypatch.setattr(intervals, "finely_stepped", lambda problem, fit: {knob: 1.5})
     runs = [rover_run(f"r{k}", {"track_width": {"scale": 1.25}}, 16.0, seed=k) for k in range(2)]
     robot = DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)
     options = Options(only=("track_width",))

@@ -284,6 +284,12 @@ def test_a_log_of_other_actuators_is_refused(reader: RowReader) -> None:
         list(reader.read(Arrival("run", "run.csv", header, (line(0.0), line(0.1)), fresh=True)))
 
 
+def test_a_body_velocity_commands_the_wheels(reader: RowReader) -> None:
+    header = HEADER.replace("command.left", "command.linear").replace("command.right", "command.angular")
+    (rows,) = reader.read(Arrival("run", "run.csv", header, (line(0.0), line(0.1)), fresh=True))
+    assert {"command.left", "command.right"} <= set(rows.columns)
+
+
 def test_a_block_in_which_nothing_is_like_the_header_is_refused(reader: RowReader) -> None:
     with pytest.raises(BadInput):
         list(reader.read(Arrival("run", "run.csv", HEADER, ("a,b",) * (SETTINGS.header_rows + 5), fresh=True)))

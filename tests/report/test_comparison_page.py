@@ -59,11 +59,11 @@ def test_the_badge_says_the_verdict(verdict, badge):
 def test_a_difference_that_the_gap_does_not_show_is_said_to_be_finer():
     some = document("partial")
     page = comparison_page(some)
-    assert "of the rise of the squared gap unexplained" in page and "is finer than the gap" in page
+    assert "of the rise of the squared gap unexplained" in page and "is more sensitive than the gap" in page
     some["unexplained"] |= {"share": 0.4}
     page = comparison_page(some)
-    assert ">Partly explained</span>" in page and "is finer than the gap" not in page
-    assert "is finer than the gap" not in comparison_page(document("changed"))
+    assert ">Partly explained</span>" in page and "is more sensitive than the gap" not in page
+    assert "is more sensitive than the gap" not in comparison_page(document("changed"))
 
 
 def test_sections_follow_the_verdict():

@@ -151,7 +151,7 @@ class Broken(Sluggish):
         ("too few", "the reading of `measure` has no 'position.j2'"),
         ("a list", "`measure` must return a dict, got list"),
         ("a word", "`measure` gives no number for position.j1: 'up'"),
-        ("raises", "`step` of the plant raised RuntimeError: the bus is off .*test_own.py, line"),
+        ("raises", r"`step\(\)` of the plant raised RuntimeError: the bus is off .*test_own.py, line"),
     ],
 )
 def test_what_is_wrong_with_a_plant_is_said(tmp_path: Path, monkeypatch: Any, fault: str, said: str) -> None:

@@ -12,7 +12,7 @@ from residual_mpc.models.settings import Term
 
 
 def numbers_of_still(robot: Robot, still: Collection[str]) -> tuple[str, ...]:
-    """How the names of nominal numbers begin that belong to joints that stand still, or to their actuators."""
+    """Prefixes of the names of the nominal numbers of joints that stand still, and of their actuators."""
     driven = zip(robot.actuators, optional.actuator_joints(robot), strict=True)
     resting = [j for j in optional.joints(robot) if f"position.{j}" in still]
     return (*(f"joint.{j}." for j in resting), *(f"actuator.{a}." for a, j in driven if j in resting))

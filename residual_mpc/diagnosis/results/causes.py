@@ -43,11 +43,11 @@ def causes_of(
     final, named = of.final, [t for t in of.final.terms if not is_law(t.effect)]
     spread = spread_of(of, varying, settings=settings)
     sized = {t: estimates_of(of, t, spread, unexplained, {}, settings=settings) for t in named}
-    unsized = {t: _unsized(of.problem.space, t, sized[t], settings) if t in sized else 1.0 for t in doubt}
-    factors = {t: doubt[t] * unsized[t] for t in doubt}
+    by_numbers = {t: _doubt_by_numbers(of.problem.space, t, sized[t], settings) if t in sized else 1.0 for t in doubt}
+    factors = {t: doubt[t] * by_numbers[t] for t in doubt}
     # of an effect that predicts much, a number at its bound doubts the name, not that something is there
-    small = {t: factors[t] if supports[t].beside < settings.causes.minor else doubt[t] for t in doubt}
-    doubtful = [t for t in final.terms if small[t] < settings.causes.doubtful]
+    of_presence = {t: factors[t] if supports[t].beside < settings.causes.minor else doubt[t] for t in doubt}
+    doubtful = [t for t in final.terms if of_presence[t] < settings.causes.doubtful]
     lacking = values_without(doubtful) if len(final.terms) > 1 and doubtful else {}
     causes = []
     for term in final.terms:
@@ -66,7 +66,7 @@ def causes_of(
     return tuple(causes)
 
 
-def _unsized(space: Space, term: Term, estimates: Sequence[Estimate], settings: ResultSettings) -> float:
+def _doubt_by_numbers(space: Space, term: Term, estimates: Sequence[Estimate], settings: ResultSettings) -> float:
     """A factor on the probability of an effect: less where a number rests on a bound, or where it may do nothing."""
     rests = any(e.note == AT_BOUND for e in estimates)
     return settings.causes.resting if rests or _may_be_none(space, term, estimates) else 1.0
@@ -156,5 +156,6 @@ def most_sure(
     shadow = max(most - tuned.shadow * float(np.log(max(times_floor / AS_GOOD, 1.0))), tuned.least_sure)
     useful = max(min(beats_forecast / tuned.useful, 1.0), tuned.least_sure)
     least = (1.0 - unexplained) * shadow
-    rank = np.log(max(standing / tuned.outweighed, 1.0)) / np.log(tuned.outweighs / tuned.outweighed)
+    low, high = tuned.standing_low, tuned.standing_high
+    rank = np.log(max(standing / low, 1.0)) / np.log(high / low)
     return tuned.most_sure * (least + (most - least) * min(float(rank), 1.0)) * useful

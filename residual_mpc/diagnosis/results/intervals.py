@@ -150,7 +150,7 @@ def _estimate(
         float(min(max([max([value, *others]) + half, *ends, *aside]), max(high, value))),
     )
     rests = bool(final.held[i]) or _rests(space, knob, value, interval, settings)
-    rests = rests and not BY_NAME[knob.effect].parameter(knob.parameter).limits
+    rests = rests and not BY_NAME[knob.effect].parameter(knob.parameter).physical_bounds
     return Estimate(knob.parameter, value, interval, unit, _note(rests, apart))
 
 

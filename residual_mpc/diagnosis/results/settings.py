@@ -19,11 +19,10 @@ class CauseSettings:
     order: the share of a lag by which the lag and a dead time named with it may be wrong, since real motors
     are of second order. most_sure: the library may lack the cause, whatever the likelihoods say; most_partial: factor
     where something is left that these sensors can tell; shadow: of the probability that is lost for each factor e by
-    which more is left than they can tell, down to the factor least_sure; outweighed,
-    outweighs: times what is left, squared, from which on an effect's own part of the motion makes up for that, and from
-    which on in full; useful: the share of a constant-velocity
-    forecast's squared gap below which the probability falls in proportion to what the explained model removes of it,
-    down to that factor. coarse: the most where the model's time step may be the cause. resting: factor on an effect
+    which more is left than they can tell, down to the factor least_sure; standing_low, standing_high: of
+    `Support.standing`, between which what is left lowers the probability by ever less; useful: the share of a
+    constant-velocity forecast's squared gap below which the probability falls in proportion to what the explained model
+    removes of it, down to that factor. coarse: the most where the model's time step may be the cause. resting: factor on an effect
     with a number that rests on the bound of what is tried, or that may do nothing by its intervals; beside: share of
     the way from doing nothing to a bound within which a number rests on it where its interval ends there. doubtful:
     factor on an effect's probability below which the other numbers' intervals do without it too; minor: share of what
@@ -39,8 +38,8 @@ class CauseSettings:
     most_partial: float = 0.87
     shadow: float = 0.15
     least_sure: float = 0.5
-    outweighed: float = 10.0
-    outweighs: float = 100.0
+    standing_low: float = 10.0
+    standing_high: float = 100.0
     useful: float = 0.5
     coarse: float = 0.5
     resting: float = 0.5
@@ -55,9 +54,9 @@ class CauseSettings:
     def __post_init__(self) -> None:
         check_share(self, "form", "law", "order", "most_sure", "most_partial", "shadow", "least_sure", "useful",
                     "coarse", "resting", "beside", "doubtful", "minor", "agree", "contributing")  # fmt: skip
-        check_positive(self, "apart", "fewest_runs", "outweighed")
-        if not self.outweighs > self.outweighed:
-            raise ValueError(f"CauseSettings.outweighs must be > outweighed, got {self.outweighs}")
+        check_positive(self, "apart", "fewest_runs", "standing_low")
+        if not self.standing_high > self.standing_low:
+            raise ValueError(f"CauseSettings.standing_high must be > standing_low, got {self.standing_high}")
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ class Support:
     size: float = np.inf
     fails: bool = False
     beside: float = np.inf
-    standing: float = np.inf
+    standing: float = 0.0
 
 
 def support_of(

@@ -65,11 +65,11 @@ class Ruler:
     @property
     def much(self) -> float:
         """The squared gap above which more is left than the sensors can tell from nothing (verdict `partial`)."""
-        return self.clear(SMALL**2)
+        return self.threshold(SMALL**2)
 
-    def clear(self, small: float) -> float:
-        """Likewise where gaps are not small up to SMALL, but up to this squared one."""
-        return max(AS_GOOD**2 * self.floor, small)
+    def threshold(self, least: float) -> float:
+        """The same with another squared gap up to which gaps are small."""
+        return max(AS_GOOD**2 * self.floor, least)
 
     def step_error(self, fit: Fit) -> float:
         """The squared gap that the model's own time step makes at this fit; 0 where no model here has another step."""

@@ -70,8 +70,8 @@ def _split(space: Space, values: Values, term: Term) -> dict[Knob, float] | None
 def _linear_step(
     problem: Problem, parent: Fit, split: Values, term: Term, settings: SearchSettings
 ) -> tuple[dict[Knob, float], float]:
-    """The values of a split effect after a linear step of their sizes, within their bounds, and how much the cost is to
-    fall by it where nothing bounds it."""
+    """The values of a split effect after a linear step of their sizes, clipped to their bounds, and by how much the
+    unclipped step is predicted to lower the cost."""
     space, out = problem.space, dict(split)
     free = [
         k
@@ -95,7 +95,7 @@ def _linear_step(
 
 
 def _cheaper(problem: Problem, split: Values, stepped: Values) -> Values:
-    """The start with the lower cost: far from its minimum a linear step leads anywhere."""
+    """The start with the lower cost: far from the minimum a linear step may raise it."""
     before, after = np.sum(problem.residuals([split, stepped]).reshape(2, -1) ** 2, axis=-1)
     return stepped if after < before else split
 

@@ -45,7 +45,7 @@ def _much_left(found: Found, settings: SearchSettings) -> bool:
     """Whether a search leaves more than the sensors can tell from nothing, and a good part of what there was: what is
     little beside other gaps is much where the nominal model had no more."""
     first, left = found.ruler.squared([found.base, found.fit])
-    return bool(left > found.ruler.clear(min(SMALL**2, settings.rivals.part_left**2 * first)))
+    return bool(left > found.ruler.threshold(min(SMALL**2, settings.rivals.part_left**2 * first)))
 
 
 def begun_with(problem: Problem, term: Term, settings: SearchSettings) -> Values | None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.columns import PER_ACTUATOR, group, is_measured
+from residual_mpc.logs.readers.body_velocity import ANGULAR, LINEAR
 from residual_mpc.logs.readers.headers import read_headers
 from residual_mpc.logs.readers.layout import ColumnNames, lay_out
 from residual_mpc.logs.readers.read import read_runs
@@ -155,10 +156,11 @@ def _check_header(path: Path, robot: ColumnNames, actuators: Sequence[str], sour
     (header,) = read_headers(path)
     columns = lay_out(header, robot.log_of(path.stem)).columns
     commands, wanted = {n for n in columns if group(n) == "command"}, [f"command.{a}" for a in actuators]
+    body = robot.wheels_of(path.stem) is not None and {LINEAR, ANGULAR} <= commands  # become wheel speeds
     there = {
         "'t' (time stamps in s)": "t" in columns,
         "command.<actuator>": bool(commands),
-        " or ".join(wanted): not commands.isdisjoint(wanted),
+        " or ".join(wanted): body or not commands.isdisjoint(wanted),
         "of a measurement (position.<joint>, pose.x, ...)": any(is_measured(n) for n in columns),
     }
     for what, found in there.items():

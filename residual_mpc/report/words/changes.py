@@ -46,12 +46,12 @@ def comparison_sentence(document: Document) -> str:
     if not gap_is_explained(document):
         return f"{said}; this explains only part of the difference between the two sets."
     if errors_differ(document):
-        return f"{said}; this explains the gap, but not a smaller difference between the errors of the two sets."
+        return f"{said}; this explains the gap, but the errors of the two sets still differ."
     return f"{said}; this explains the gap, but another change explains the runs better (see the notes)."
 
 
 def gap_is_explained(document: Document) -> bool:
-    """Whether the changes explain the rise of the gap: what is left of a difference that they do not is finer."""
+    """Whether the changes explain the rise of the gap; the errors of the two sets may still differ."""
     return bool(document["unexplained"]["share"] < SMALL)
 
 
