@@ -44,7 +44,7 @@ def test_a_module_beside_the_robot_file_is_found(
         (tmp_path / folder / "robot.toml").write_text(text)
     assert rm.load_robot(tmp_path / "one" / "robot.toml").name == "first"
     assert rm.load_robot(Path("one/robot.toml")).name == "first"
-    with pytest.raises(BadInput, match=r"loaded from .*one before, and .*two has another one"):
+    with pytest.raises(BadInput, match=r"already loaded from .*one, and .*two has another of that name"):
         rm.load_robot(tmp_path / "two" / "robot.toml")
     (tmp_path / "one" / "absent.toml").write_text('name = "x"\nplant = "nowhere_to_be_found:make"\n')
     with pytest.raises(BadInput, match="module 'nowhere_to_be_found' cannot be imported"):
