@@ -26,11 +26,10 @@ class CauseSettings:
     on an effect with a number that rests on the bound of what is tried, or that may do nothing by its intervals;
     beside: share of the way from doing nothing to a bound within which a number rests on it where its interval ends
     there. doubtful: factor on an effect's probability below which the other numbers' intervals do without it too;
-    minor: share of what another effect predicts of the motion, below which `resting` counts for that. apart: half-
-    widths beyond which an interval is that wide since two fits end apart. fewest_runs: from which their disagreement
-    widens
-    intervals; agree: how often runs that agree do so too; contributing: share of the runs that a number has to depend
-    on for that."""
+    minor: share of what another effect predicts of the motion, below which `resting` counts for that. apart:
+    half-widths beyond which an interval is that wide since two fits end apart. fewest_runs: from which their
+    disagreement widens intervals; agree: how often runs that agree do so too; contributing: share of the runs that a
+    number has to depend on for that."""
 
     form: float = 0.5
     law: float = 0.03
