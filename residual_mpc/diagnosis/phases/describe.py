@@ -74,9 +74,9 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     # a slow effect hardly shows in the headline's gap: what is left counts where the gap is clearest
     unexplained = judged_share(clearest(found.looks)) if helps else share
     beats = beats_forecast(found.looks[0], found.constant_velocity)
-    told = (verdict, unexplained, _times_floor(found), beats)
+    certain = partial(most_sure, verdict, unexplained, _times_floor(found), beats, settings=settings)
     most = settings.causes.coarse if found.coarse else 1.0
-    sure = {t: min(most_sure(*told, settings=settings, standing=_stands(t, s)), most) for t, s in supports.items()}
+    sure = {t: min(certain(standing=_stands(t, s)), most) for t, s in supports.items()}
     weak = doubts(supports, extras.rest, settings=settings)
     doubt = {t: d * steadiness(t, validated.varying, settings) for t, d in weak.items()}
     groups = tuple(g for g in of.rivalry.groups if not any(t in of.left_out for m in g for t in m)) if helps else ()
@@ -84,8 +84,9 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     every_doubt = {**shared(weak, groups), **doubt}
     others = alternatives(of.rivalry, groups, final, settings=settings) if helps else ()
     refitted = partial(refitted_without, of, steps=validated.options.final_steps, settings=settings)
-    named = (of, share, sure, supports, doubt, refitted)
-    causes = causes_of(*named, settings=settings, varying=validated.varying) if helps else ()
+    causes: tuple[Cause, ...] = ()
+    if helps:
+        causes = causes_of(of, share, sure, supports, doubt, refitted, settings=settings, varying=validated.varying)
     looked_at = candidates(of.rivalry, of.base, final, shared(sure, groups), of.left_out, every_doubt) if helps else ()
     if verdict == "effects" and not found.told and not _likely(causes, looked_at, groups):
         verdict = "partial"  # a gap that is small anyway confirms nothing
