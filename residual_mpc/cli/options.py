@@ -15,6 +15,7 @@ OPTIONS = {
     "on": "--on",
     "only": "--only",
     "out": "--out",
+    "plant": "--plant",
     "reference": "--reference",
     "robot": "--robot",
     "runs": "--runs",
@@ -24,6 +25,7 @@ OPTIONS = {
     "video": "--video",
     "warm_start": "--warm-start",
     "weights": "--weights",
+    "withheld": "--withheld",
     "without": "--without",
 }
 ARGUMENT = re.compile(r"`([a-z_]+)(?:=([^`]*))?`")

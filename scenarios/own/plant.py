@@ -17,7 +17,7 @@ def plant_of(robot: Robot, withheld: Values, period: float) -> Simulator:
     """A MuJoCo robot with effects that its model lacks. Raises BadInput for a robot that is not a MuJoCo model."""
     if not isinstance(robot, CompiledRobot):
         raise BadInput(
-            f"{robot.name!r} is not a MuJoCo model and cannot be simulated as a plant", "--plant",
+            f"{robot.name!r} is not a MuJoCo model and cannot be simulated as a plant", "`plant`",
             "name a factory with --plant package.module:factory",
         )  # fmt: skip
     return mujoco_plant(robot, withheld, period)

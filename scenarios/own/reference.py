@@ -114,10 +114,10 @@ def named_motion(name: str, model: Augmented, rounds: int = 3) -> Waypoints:
         "sines": _sines, "postures": _postures, "circle": _circle,
     }  # fmt: skip
     if name not in motions:
-        raise BadInput(f"{name!r} is neither a file nor a named motion", "--reference", did_you_mean(name, [*motions]))
+        raise BadInput(f"{name!r} is neither a file nor a named motion", "`reference`", did_you_mean(name, [*motions]))
     if not model.stepped.spans:
         raise BadInput(
-            f"the motion {name!r} is for an arm, and {model.robot.name!r} drives", "--reference",
+            f"the motion {name!r} is for an arm, and {model.robot.name!r} drives", "`reference`",
             f"give a CSV file with t, {', '.join(model.stepped.tracked)}",
         )  # fmt: skip
     t = np.linspace(0.0, (rounds + 1) * TURN, 200 * (rounds + 1) + 1)

@@ -88,8 +88,8 @@ class OwnScenario:
             raise BadInput(f"unknown controller {unknown[0]!r}", self.robot.model.name, f"use {', '.join(STACKS)}")
         if self.plant is not None and self.withheld is not None:
             raise BadInput(
-                "withheld effects cannot be put into a plant of your own", "--withheld",
-                "leave out --withheld, or leave out --plant to drive the robot in MuJoCo",
+                "withheld effects cannot be put into a plant of your own", "`withheld`",
+                "leave out `withheld`, or leave out `plant` to drive the robot in MuJoCo",
             )  # fmt: skip
 
     def run(self, options: RunOptions, progress: Progress = lambda stage, done: None) -> dict[str, Any]:

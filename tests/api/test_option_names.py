@@ -12,7 +12,7 @@ import pytest
 from oracles.rover_log import ROBOT, rover_run, write_run
 
 import residual_mpc as rm
-from residual_mpc.cli import compare, diagnose, excite, export, gap, learn, watch
+from residual_mpc.cli import compare, diagnose, excite, export, gap, learn, run, watch
 from residual_mpc.cli.main import main
 from residual_mpc.cli.options import OPTIONS, with_options
 
@@ -62,7 +62,9 @@ def test_values_and_other_words() -> None:
 
 
 def test_every_option_exists() -> None:
-    commands = (compare.compare, diagnose.diagnose, excite.excite, export.export, gap.gap, learn.learn, watch.watch)
+    commands = (
+        compare.compare, diagnose.diagnose, excite.excite, export.export, gap.gap, learn.learn, run.run, watch.watch,
+    )  # fmt: skip
     assert all(isinstance(c, click.Command) for c in commands)
     assert set(OPTIONS.values()) <= {name for c in commands for p in c.params for name in p.opts}
 

@@ -149,7 +149,7 @@ def test_sentences_of_the_verdicts():
     assert comparison_sentence(document("unknown")).startswith("The two sets differ, but no change of an effect")
     partial = document("partial")
     assert comparison_sentence(partial).endswith(
-        "this explains the gap, but not a smaller difference between the errors of the two sets."
+        "this explains the gap, but the errors of the two sets still differ."
     )
     partial["unexplained"]["p"] = 0.2
     assert comparison_sentence(partial).endswith("but another change explains the runs better (see the notes).")

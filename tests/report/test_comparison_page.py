@@ -166,7 +166,7 @@ def test_lines_of_what_is_in_doubt():
         "Possibly the gain of the left wheel decreased by 10 %, from 100 % to 90 % of the modelled value "
         "(or wheel radius together with track width) and an output limit appeared (4.97 rad/s); "
     )
-    left = "but not a smaller difference between the errors of the two sets."
+    left = "but the errors of the two sets still differ."
     assert said[0] == f"{changes}this explains the gap, {left}"
     some["unexplained"]["share"] = 0.4
     assert comparison_lines(some)[0] == f"{changes}this explains only part of the difference between the two sets."
