@@ -14,6 +14,7 @@ from residual_mpc.api.given import check_given, check_not_over, check_seconds
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs
 from residual_mpc.api.written import Source, placed, written
+from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD
 from residual_mpc.errors import BadInput
 from residual_mpc.files import write_atomically, write_json
 from residual_mpc.learning.batch import checkpoint
@@ -30,7 +31,6 @@ from residual_mpc.models.nominal_numbers import KEY as NOMINAL
 from residual_mpc.models.nominal_numbers import warn_of_differences
 from residual_mpc.models.settings import Values
 from residual_mpc.report.learned import learned_page
-from residual_mpc.report.words.summary import AS_GOOD
 
 if TYPE_CHECKING:
     from pandas import DataFrame

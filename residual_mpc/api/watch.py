@@ -94,7 +94,7 @@ def _reference(
     rng: np.random.Generator, settings: WatchSettings, progress: Progress,
 ) -> Reference | None:  # fmt: skip
     """The reference before anything arrives; None where it has to be learned from the stream."""
-    described = "the runs given as `reference`"
+    described = "the given reference runs"
     runs = given
     if runs is None and model is not None:
         paths, described = diagnosed_runs(model)

@@ -170,7 +170,7 @@ class OwnScenario:
         return named_motion(str(self.reference), nominal)
 
     def _simulator(self, nominal: Augmented, begin: Reading) -> Simulator:
-        """begin: where the plant starts, which a plant of one's own is tried at before the controllers are built."""
+        """begin: the start of the motion, where a user's own plant is started once before the controllers are built."""
         make = self.plant
         if make is not None:
             own = guarded("--plant", "the factory", lambda: make(self.robot.file, self.model.dt))

@@ -13,6 +13,17 @@ from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.models.settings import TUNE, Knob, Values
 
 LEAST = 0.1  # of a retuned parameter, in one fold: none becomes negative
+MOST = 5.0  # scales of a number: longer steps leave the range in which the derivatives hold
+
+
+def gauss_newton_step(fit: Fit, windows: np.ndarray, r: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """(P,) the step of the free numbers (P,) bool, each in its unit, 0 for the others; from residuals r (W, n) on these
+    windows (W,) bool."""
+    step = np.zeros(len(fit.knobs))
+    j = fit.jacobian[windows].reshape(-1, len(fit.knobs))[:, free]
+    if free.any() and len(j):
+        step[free] = -np.linalg.lstsq(j, r[windows].ravel(), rcond=None)[0]
+    return np.clip(step, -MOST, MOST) * fit.scales
 
 
 def fold_values(fit: Fit, folds: np.ndarray) -> list[Values]:
@@ -22,13 +33,8 @@ def fold_values(fit: Fit, folds: np.ndarray) -> list[Values]:
     out: list[Values] = []
     free = ~fit.held
     for k in range(int(folds.max()) + 1):
-        rest = folds != k
-        j = fit.jacobian[rest].reshape(-1, len(fit.knobs))[:, free]
-        step = np.zeros(len(fit.knobs))
-        if free.any() and len(j):
-            step[free] = -np.linalg.lstsq(j, fit.r[rest].ravel(), rcond=None)[0]
         whole = np.array(list(fit.values.values()))
-        moved = whole + np.clip(step, -5.0, 5.0) * fit.scales
+        moved = whole + gauss_newton_step(fit, folds != k, fit.r, free)
         tuned = np.array([knob.effect == TUNE for knob in fit.knobs])
         moved = np.where(tuned & (whole > 0), np.maximum(moved, LEAST * whole), moved)
         out.append(dict(zip(fit.knobs, moved.tolist(), strict=True)))

@@ -2,13 +2,11 @@
 
 import numpy as np
 
-from residual_mpc.diagnosis.fit.cross_validation import LEAST
+from residual_mpc.diagnosis.fit.cross_validation import LEAST, gauss_newton_step
 from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.predict.effect_sets import without
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
-
-MOST = 5.0  # scales of a number: longer steps leave the range in which the derivatives hold
 
 
 def readjusted(problem: Problem, final: Fit) -> dict[Term, Values]:
@@ -30,18 +28,13 @@ def _moved(problem: Problem, final: Fit, gone: Term, r: np.ndarray) -> dict[Knob
     """The other numbers after a Gauss-Newton step from the residuals r (W, n) without the effect, inside their bounds;
     windows in which it diverges are left out."""
     stays = np.array([k.effect == TUNE or k.term != gone for k in final.knobs])
-    free = stays & ~final.held
-    step = np.zeros(len(final.knobs))
-    sound = np.isfinite(r).all(axis=1)
-    if free.any() and sound.any():
-        j = final.jacobian[sound].reshape(-1, len(final.knobs))[:, free]
-        step[free] = -np.linalg.lstsq(j, r[sound].ravel(), rcond=None)[0]
+    step = gauss_newton_step(final, np.isfinite(r).all(axis=1), r, stays & ~final.held)
     out = {}
-    for knob, dx, scale, here in zip(final.knobs, np.clip(step, -MOST, MOST), final.scales, stays, strict=True):
+    for knob, dx, here in zip(final.knobs, step, stays, strict=True):
         if not here:
             continue
         value = final.values[knob]
         low, high = problem.space.bounds(knob)
         low = max(low, LEAST * value) if knob.effect == TUNE and value > 0.0 else low
-        out[knob] = float(np.clip(value + dx * scale, low, high))
+        out[knob] = float(np.clip(value + dx, low, high))
     return out

@@ -69,10 +69,11 @@ class Task:
 class TrainingResult:
     """learned: what this call learned; whole: with what it builds on, as one residual. condition: of model_constr,
     None where nothing came before; kept_earlier: whether it holds and the gap agrees. h2 over the updates;
-    held_out_h2 and gaps before and after on what was kept back (None: nothing was), and their noise floor.
+    held_out_h2: H2 norms before and after learning on the held-out runs, None without any; gaps on the same runs, and
+    their noise floor.
     without_spikes: gaps before and after where the jumps of the localisation, found in the log, are left out; None
     where there are none, or where they are left out of `after` as well. left_alone: channels that got worse on
-    windows set aside; worse_held_out: those that got worse on what was kept back, and were then left alone too.
+    windows set aside; worse_held_out: those that got worse on the held-out runs, and were then left alone too.
     chosen_pass: whose weights were taken, 0 for none.
     """
 
