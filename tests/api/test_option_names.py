@@ -58,6 +58,7 @@ def test_values_and_other_words() -> None:
     assert with_options("`to=mjcf`: no. Set `kp`, or run `residual-mpc learn`") == (
         "--to mjcf: no. Set `kp`, or run `residual-mpc learn`"
     )
+    assert with_options("`step()` of the plant raised") == "`step()` of the plant raised"
     assert with_options("`changed=payload+=0.2`: unknown") == "--changed payload+=0.2: unknown"
 
 
