@@ -67,7 +67,7 @@ def explained(problem: Any, fit: Fit, **others: Any) -> Any:
     """A fit as the explanation that `causes_of` describes."""
     rivalry = SimpleNamespace(shares={}, rivals=())
     raw = SimpleNamespace(channels=("pose.x",), compared=np.array([[True]]))
-    usual = {"tolerated": None, "ends": {}, "rivalry": rivalry, "with_outliers": False}
+    usual = {"tolerated": None, "omitted": (), "ends": {}, "rivalry": rivalry, "with_outliers": False}
     usual |= {"space": problem.space, "raw": raw}
     return SimpleNamespace(problem=problem, final=fit, **{**usual, **others})
 

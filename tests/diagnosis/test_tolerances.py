@@ -13,12 +13,12 @@ from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.fit.marginalisation import carrying, tolerant
 from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.options import Options, PhaseSettings
-from residual_mpc.diagnosis.phases.refine import _marginalised
+from residual_mpc.diagnosis.phases.refine import _with_small_differences
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem, part_of, tolerating, whitened
 from residual_mpc.diagnosis.predict.settings import PredictSettings, ToleranceSettings
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.predict.tolerances import Tolerances, likeliest_level, small_differences
-from residual_mpc.models.settings import Knob
+from residual_mpc.models.settings import Knob, Values
 
 ROVER = DiffDrive("rover", 0.033, 0.16)
 LAG = Knob("actuator_lag", None, "time_constant")
@@ -70,12 +70,21 @@ def test_one_of_several_differs_from_the_number_of_all() -> None:
     space = problem_of({}).space
     gain, both = (Knob("actuator_gain", target, "gain") for target in ("left", None))
     settings = PredictSettings()
-    alone = [row for row in small_differences(space, {}, settings=settings) if gain in row]
-    beside = [row for row in small_differences(space, {both: 0.8}, settings=settings) if gain in row]
-    assert [row[gain] for row in alone] == [pytest.approx(1.01)]
-    assert [(row[gain], row[both]) for row in beside] == [(pytest.approx(0.81), 0.8)]
-    own = small_differences(space, {gain: 0.7}, settings=settings)
-    assert [row[gain] for row in own if row[gain] != 0.7] == [pytest.approx(0.71)]
+
+    def rows(values: dict[Knob, float]) -> list[Values]:
+        return [d.values for d in small_differences(space, values, settings=settings) if d.knob == gain]
+
+    assert [row[gain] for row in rows({})] == [pytest.approx(1.01)]
+    assert [(row[gain], row[both]) for row in rows({both: 0.8})] == [(pytest.approx(0.81), 0.8)]
+    assert [row[gain] for row in rows({gain: 0.7})] == [pytest.approx(0.71)]
+
+
+def test_a_difference_of_another_size_moves_its_own_number_alone() -> None:
+    space = problem_of({}).space
+    differences = small_differences(space, {}, settings=PredictSettings())
+    one = next(d for d in differences if d.knob == Knob("slope", None, "rate"))
+    assert one.step == pytest.approx(0.002) and one.own[one.knob] == pytest.approx(one.step)
+    assert one.scaled(2.5) == {**one.own, one.knob: pytest.approx(0.005)}
 
 
 def test_part_of_the_windows_keeps_its_columns() -> None:
@@ -167,7 +176,7 @@ def test_where_columns_cost_too_much_some_windows_tell_as_much(limit: dict[str, 
     problem = problem_of({**LITTLE, "actuator_lag": {"time_constant": 0.15}})
     final = fit_all(problem, [{LAG: 0.1}])[0]
     options = Options(phases=PhaseSettings(**limit))
-    found = _marginalised(problem, measure_scales(problem.data), final, options)
+    found, _ = _with_small_differences(problem, measure_scales(problem.data), final, options)
     assert found is not None and (found.part.data.count < problem.data.count) == some
     assert (found.plain is final) == (not some) == (found.part is problem)
     assert found.problem.data is found.part.data

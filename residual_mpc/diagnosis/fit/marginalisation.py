@@ -50,7 +50,7 @@ def carrying(
     if reusable and known and known[-1].near(problem.space, values, settings.predict.tolerances.near):
         return tolerating(problem, Tolerances(known[-1].columns, 0.0))
     rows = small_differences(problem.space, values, free, settings=settings.predict)
-    here, *moved = (by or problem.replays)([values, *rows])
+    here, *moved = (by or problem.replays)([values, *(d.values for d in rows)])
     seen = np.isfinite(problem.data.y)
     own, row = problem.replays.own, problem.space.settings([values])
     exact = own is None and by is None

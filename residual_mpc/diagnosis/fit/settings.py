@@ -118,6 +118,18 @@ class NoiseFitSettings:
 
 
 @dataclass(frozen=True)
+class OmittedSettings:
+    """shown: squared size of a small effect over its variance, from which the residuals show it; most: small effects
+    that are fitted beside the others, one at a time."""
+
+    shown: float = 10.0
+    most: int = 4
+
+    def __post_init__(self) -> None:
+        check_positive(self, "shown", "most")
+
+
+@dataclass(frozen=True)
 class FitSettings:
     """folds: of the cross-validation."""
 
@@ -126,6 +138,7 @@ class FitSettings:
     evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
     polish: PolishSettings = field(default_factory=PolishSettings)
     ridge: RidgeSettings = field(default_factory=RidgeSettings)
+    omitted: OmittedSettings = field(default_factory=OmittedSettings)
     noise: NoiseFitSettings = field(default_factory=NoiseFitSettings)
     folds: int = 6
 

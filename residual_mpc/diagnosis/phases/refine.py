@@ -11,6 +11,7 @@ from residual_mpc.diagnosis.fit.cross_validation import expected_errors
 from residual_mpc.diagnosis.fit.evidence import blocks_of, least_sure
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
 from residual_mpc.diagnosis.fit.marginalisation import carrying, tolerant
+from residual_mpc.diagnosis.fit.omitted_effects import shifts_beside
 from residual_mpc.diagnosis.fit.polish import Polished, carry_on, polish
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.prepare import Prepared
@@ -71,10 +72,11 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     expected = None
     if final.terms or with_outliers:
         expected = cross_validated_shrink(prepared, problem, final, before, with_outliers, rng, times)
+    tolerated, omitted = _with_small_differences(problem, searched.scales, final, options)
     explanation = FittedExplanation(
         prepared.raw, prepared.clean, prepared.scales, prepared.kept, prepared.held, prepared.free, problem, before,
         final, polished.ends, rivalry, searched.untestable, prepared.outliers, with_outliers, unnamed, vetoed, doubtful,
-        expected, _marginalised(problem, searched.scales, final, options),
+        expected, tolerated, omitted,
     )  # fmt: skip
     return Refined(explanation, prepared.longer, options)
 
@@ -85,32 +87,33 @@ def trusting(problem: Problem, values: Values, scales: Scales, settings: ResultS
     return problem if (trust == 1.0).all() else replace(problem, count=trust)
 
 
-def _marginalised(problem: Problem, scales: Scales, final: Fit, options: Options) -> MarginalisedFit | None:
-    """The last fit with small differences marginalised in every number that it does not free, on evenly chosen windows
-    where their columns would take too much time or memory on all; None where there are none, and where not even the
-    fewest windows would do."""
+def _with_small_differences(
+    problem: Problem, scales: Scales, final: Fit, options: Options
+) -> tuple[MarginalisedFit | None, tuple[Values, ...]]:
+    """The last fit with small differences marginalised in every number that it does not free, None where the residuals
+    show none; and how its numbers move beside single ones. On evenly chosen windows where the columns would take too
+    much time or memory on all, nothing where not even the fewest windows would do."""
     settings, phases = options.settings.fit, options.phases
-    if not final.terms:
-        return None
-    count = len(small_differences(problem.space, final.values, settings=settings.predict))
+    differences = small_differences(problem.space, final.values, final.knobs, settings=settings.predict)
+    count = len(differences)
     size = problem.data.y.size * count
-    if not count:
-        return None
+    if not final.terms or not count:
+        return None, ()
     steps = min(phases.marginal_cost // count, problem.data.cost * phases.marginal_columns // size)
     keep = evenly(problem.data, steps, settings=options.settings.data)
     part = problem if keep.all() else part_of(problem, keep)
     if part.data.y.size * count > LAST_RESORT * phases.marginal_columns:
-        return None
+        return None, ()
     plain = final if part is problem else fit_all(part, [final.values], phases.marginal_steps, settings=settings)[0]
     quick = quickened(part.data, scales, settings=settings.predict)
     by = None if quick is part.data else PredictionCache(quick, part.space)
     carried, share = carrying(part, final.values, final.knobs, by, settings=settings), float(keep.mean())
+    omitted = shifts_beside(carried, plain, differences, phases.marginal_steps, settings=settings)
     wide = tolerant(carried, plain, settings=settings, share=share)
     if wide.marginal is None:
-        return None
-    return MarginalisedFit(
-        wide, fit_all(wide, [final.values], phases.marginal_steps, settings=settings)[0], part, plain
-    )
+        return None, omitted
+    marginalised = fit_all(wide, [final.values], phases.marginal_steps, settings=settings)[0]
+    return MarginalisedFit(wide, marginalised, part, plain), omitted
 
 
 def cross_validated_shrink(

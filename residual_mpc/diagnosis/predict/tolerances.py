@@ -32,22 +32,33 @@ class Tolerances:
         return float(self.level / np.sqrt(self.dispersion))
 
 
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """A hypothesis that is off in one number, `knob`, by `step`; own: that number and the others of its effect; values:
+    these and those of the set it differs from."""
+
+    knob: Knob
+    step: float
+    own: Mapping[Knob, float]
+    values: Values
+
+    def scaled(self, times: float) -> dict[Knob, float]:
+        """The effect's own numbers where the one is off by so many steps."""
+        return {**self.own, self.knob: self.own[self.knob] + (times - 1.0) * self.step}
+
+
 def small_differences(
     space: Space, values: Values, free: tuple[Knob, ...] = (), *, settings: PredictSettings
-) -> list[Values]:
+) -> list[Difference]:
     """The hypotheses that differ from these values by one tolerance of one number, none of which is in `free`."""
-    rows: list[Values] = []
     alone = {t.effect for t in space.candidates if t.target is not None}
-    for term in space.candidates:
-        if term.target is None and term.effect in alone:
-            continue
-        rows += [{**values, **moved} for moved in _moved(space, term, values, free, settings=settings)]
-    return rows
+    terms = (t for t in space.candidates if t.target is not None or t.effect not in alone)
+    return [d for t in terms for d in _moved(space, t, values, free, settings=settings)]
 
 
 def _moved(
     space: Space, term: Term, values: Values, free: tuple[Knob, ...], settings: PredictSettings
-) -> list[Mapping[Knob, float]]:
+) -> list[Difference]:
     parameters = BY_NAME[term.effect].parameters
     knobs = {p.name: Knob(term.effect, term.target, p.name) for p in parameters}
     # if the effect is in the set for all targets alike, a single target's difference is taken from the common value
@@ -59,7 +70,7 @@ def _moved(
         own = known[knobs[p.name]]
         several = dict.fromkeys(p.probes[: settings.tolerances.shapes]) if own is None else (own,)
         turns = [{**turn, knobs[p.name]: v} for turn in turns for v in several]
-    out: list[Mapping[Knob, float]] = []
+    out: list[Difference] = []
     for p in parameters:
         if p.shape or p.tolerance == 0.0:
             continue
@@ -72,7 +83,8 @@ def _moved(
         step = p.tolerance * space.reference(knob)
         step = step if rest[knob] + step <= high else -step
         if low <= rest[knob] + step <= high:
-            out += [{**turn, **rest, knob: rest[knob] + step} for turn in turns]
+            moved = {**rest, knob: rest[knob] + step}
+            out += [Difference(knob, step, {**turn, **moved}, {**values, **turn, **moved}) for turn in turns]
     return out
 
 

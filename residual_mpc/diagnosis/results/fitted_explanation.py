@@ -15,7 +15,7 @@ from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.results.shrink import Shrink
 from residual_mpc.diagnosis.search.rivals import Rivalry
 from residual_mpc.diagnosis.search.testable import NotTestable
-from residual_mpc.models.settings import Knob, Term
+from residual_mpc.models.settings import Knob, Term, Values
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,8 @@ class FittedExplanation:
     starts of the last fit ended as well. with_outliers: whether jumping samples are among the causes, unnamed_outliers:
     whether they would be if `sensor_outliers` were not excluded. vetoed: effects that the encoders contradict,
     doubtful: that cannot be told from none on all windows. expected: the shrink, None where nothing explains anything.
-    tolerated: None where there are no small differences in other numbers. forms: the shape of each fitted law."""
+    tolerated: None where there are no small differences in other numbers; omitted: how the numbers move beside one of
+    these. forms: the shape of each fitted law."""
 
     raw: Dataset
     clean: Dataset
@@ -58,6 +59,7 @@ class FittedExplanation:
     doubtful: tuple[Term, ...]
     expected: Shrink | None
     tolerated: MarginalisedFit | None
+    omitted: tuple[Values, ...] = ()
     forms: Mapping[Term, str] = field(default_factory=dict)
 
     @property

@@ -28,7 +28,8 @@ AT_BOUND = "at the bound of its search range"
 @dataclass(frozen=True, eq=False)
 class Spread:
     """What the interval of each number includes. sigma (P,): of each free number; aside: limits with small differences
-    elsewhere; others: values in sets that explain as much, with a finer time step, and with mean speeds."""
+    elsewhere; others: values in sets that explain as much, beside one more small effect, with a finer time step, and
+    with mean speeds."""
 
     sigma: np.ndarray
     aside: Mapping[Knob, tuple[float, ...]]
@@ -47,6 +48,7 @@ def spread_of(of: FittedExplanation, varying: Container[Term], settings: ResultS
     earlier = _of_mean_speeds(of)
     held = {k: more for k in final.knobs if (more := hidden_inertia(problem.space.robot, k)) > 0.0}
     others = {k: (*beside[k], *([finer[k]] if k in finer else ()), *earlier.get(k, ())) for k in final.knobs}
+    others |= {k: (*others[k], *(final.values[k] + shift[k] for shift in of.omitted)) for k in final.knobs}
     others |= {k: (*others[k], final.values[k] + more) for k, more in held.items()}
     return Spread(sigma, aside, others)
 
@@ -125,8 +127,8 @@ def _estimate(
     settings: ResultSettings,
 ) -> Estimate:
     """aside: limits of the interval with small differences elsewhere, which the stated interval includes; others:
-    values in sets that explain as much, without a doubtful effect, and with a finer time step, which it includes with
-    an interval of the same width."""
+    values in sets that explain as much, beside one more small effect, without a doubtful effect, and with a finer time
+    step, which it includes with an interval of the same width."""
     knob, final, space = of.final.knobs[i], of.final, of.problem.space
     value = final.values[knob]
     unit = unit_of(space.robot, knob.term, BY_NAME[knob.effect].parameter(knob.parameter).unit)
