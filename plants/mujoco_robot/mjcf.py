@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from plants.mujoco_robot.loading.compile import NO_LIMIT, mark_simple, prepared
+from plants.mujoco_robot.loading.compile import mark_simple, prepared
 from plants.mujoco_robot.simulation.channels import write_start
 from plants.mujoco_robot.simulation.constants import corrected_constants
 from plants.mujoco_robot.simulation.gravcomp import why_no_gravcomp, write_gravcomp
 from plants.mujoco_robot.simulation.replay import replay
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.structure.force_limits import NO_LIMIT
 from plants.mujoco_robot.structure.ranges import DEGREE
 from residual_mpc.effects.body import COULOMB
 from residual_mpc.effects.effect import Effect

@@ -89,6 +89,14 @@ class ClampsCommands(Protocol):
 
 
 @runtime_checkable
+class LimitsForces(Protocol):
+    @property
+    def force_limits(self) -> Mapping[str, float]:
+        """Actuator -> largest force that the model lets it give, N m or N, for actuators whose force it limits."""
+        ...
+
+
+@runtime_checkable
 class Widening(Protocol):
     def with_ranges(self, joints: Mapping[str, Range], commands: Mapping[str, Range]) -> Robot:
         """This robot with other ranges of joints (rad, m) and of commands that it clips (actuator units)."""
@@ -210,6 +218,12 @@ def clamps(robot: Robot) -> Mapping[str, Range]:
     """Ranges of the commands that the model clips, actuator units; by default it clips none."""
     robot = innermost(robot)
     return robot.clamps if isinstance(robot, ClampsCommands) else {}
+
+
+def force_limits(robot: Robot) -> Mapping[str, float]:
+    """Largest forces of the actuators, N m or N, where the model limits them; by default it limits none."""
+    robot = innermost(robot)
+    return robot.force_limits if isinstance(robot, LimitsForces) else {}
 
 
 def with_ranges(robot: Robot, joints: Mapping[str, Range], commands: Mapping[str, Range]) -> Robot:

@@ -83,6 +83,23 @@ def test_an_effect_that_a_rival_makes_needless_competes_with_it() -> None:
     assert shares[drag] == 1.0
 
 
+def test_the_first_members_of_two_groups_do_not_compete_with_the_rivals_of_each_other() -> None:
+    """Dry friction of two joints, found as Stribeck friction of both, beside a delay that may be a lag: what stands for
+    one place says nothing of the others."""
+    dry, falling = ([Term(e, joint) for joint in ("a", "b")] for e in ("coulomb_friction", "stribeck_friction"))
+    delay, lag = (Term(e, None) for e in ("command_delay", "actuator_lag"))
+    found = [*falling, delay]
+
+    def instead(gone: Term, came: Term) -> Rival:
+        fit: Any = SimpleNamespace(terms=tuple(came if t == gone else t for t in found))
+        return Rival((gone,), (came,), fit, 0.0, True)
+
+    rivals = [instead(f, d) for f, d in zip(falling, dry, strict=True)] + [instead(delay, lag)]
+    preferred: Any = SimpleNamespace(terms=(*dry, delay))
+    shares = _shares(preferred, rivals)
+    assert [shares[t] for t in (*dry, *falling, delay, lag)] == [pytest.approx(0.5)] * 6
+
+
 def test_an_effect_said_of_both_wheels_goes_to_the_one_that_has_it() -> None:
     found = rivals_of({}, {Knob("actuator_gain", None, "gain"): 0.95}, ("actuator_gain", "track_width"), left=0.9)
     assert found.fit.terms == (LEFT,)

@@ -45,12 +45,13 @@ ARM = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
 <joint name="j" type="hinge" axis="0 1 0" armature="0.0331"/><geom type="sphere" pos="0 0 -0.3" size="0.04" mass="1.1"
 contype="0" conaffinity="0"/></body></worldbody>
 <actuator><position name="m" joint="j" kp="6" kv="0.4" forcerange="-5 5"/></actuator></mujoco>"""
+FORCE = 5.0  # N m
 INERTIA, WEIGHT = 0.0331 + 1.1 * 0.3**2 + 0.4 * 1.1 * 0.04**2, 1.1 * 9.81 * 0.3  # kg m^2, N m
 
 
-def weakening_run(seed: int, weakens: float, friction: float, seconds: float = 8.0) -> Run:
+def weakening_run(seed: int, weakens: float, friction: float, seconds: float = 8.0, strongest: float = FORCE) -> Run:
     """An arm whose servo has 1 / (1 + weakens |current| / full current) of its voltage, the current 5 ms behind, and
-    dry friction; explicit Euler steps of 0.25 ms."""
+    dry friction; explicit Euler steps of 0.25 ms. strongest: N m that it gives at most."""
     rng, fine = np.random.default_rng(seed), 2.5e-4
     every, n = round(0.01 / fine), round(seconds / 0.01)
     t = np.arange(n) * 0.01
@@ -60,8 +61,8 @@ def weakening_run(seed: int, weakens: float, friction: float, seconds: float = 8
     for k in range(n):
         seen[k] = q
         for _ in range(every):
-            asked = min(max(6.0 * (sent[k] - q) - 0.4 * w, -5.0), 5.0)
-            given = asked / (1.0 + weakens * abs(current) / 5.0)
+            asked = min(max(6.0 * (sent[k] - q) - 0.4 * w, -strongest), strongest)
+            given = asked / (1.0 + weakens * abs(current) / FORCE)
             current += fine / 0.005 * (asked - current)
             w += fine * (given - WEIGHT * np.sin(q) - friction * np.tanh(w / 0.02)) / INERTIA
             q += fine * w

@@ -105,6 +105,7 @@ def test_outputs_are_the_actuators_forces(tmp_path: Path) -> None:
         ({("actuator_gain", "j1", "gain"): 0.6}, 'kp="30" kv="1.5"', 'kp="18" kv="0.9"'),
         ({("saturation", "j1", "limit"): 2.0}, 'kv="1.5"', 'kv="1.5" forcerange="-2 2"'),
         ({("saturation", None, "limit"): 2.5}, 'forcerange="-3 3"', 'forcerange="-2.5 2.5"'),
+        ({("saturation", "j2", "limit"): 4.5}, 'forcerange="-3 3"', 'forcerange="-4.5 4.5"'),
     ],
 )
 def test_a_constant_effect_is_the_model_compiled_with_it(

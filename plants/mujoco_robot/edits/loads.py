@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from plants.mujoco_robot.loading.compile import NO_LIMIT
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.structure.force_limits import largest_forces
 
 POSES = 128  # in which a joint's largest inertia is looked for
 
@@ -11,8 +11,7 @@ POSES = 128  # in which a joint's largest inertia is looked for
 def largest_torques(robot: CompiledRobot) -> np.ndarray:
     """(joints,) N m (N), the most that the model lets the actuators of each joint give; inf where it sets no limit."""
     m = robot.model
-    force = np.abs(m.actuator_forcerange).max(axis=1)
-    force = np.where(force < 0.5 * NO_LIMIT, force, np.inf)
+    force = largest_forces(m)
     for i, kind in enumerate(robot.command_kinds):
         if kind == "torque" and m.actuator_ctrllimited[i]:
             force[i] = min(force[i], abs(m.actuator_gainprm[i, 0]) * np.abs(m.actuator_ctrlrange[i]).max())

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from plants.mujoco_robot.loading.compile import NO_LIMIT
 from plants.mujoco_robot.mjcf import not_held, settled
 from plants.mujoco_robot.simulation.constants import corrected_constants
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.structure.force_limits import NO_LIMIT
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import BY_NAME, changes
 from residual_mpc.models.actuator_values import ActuatorValues

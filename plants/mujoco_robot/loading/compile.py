@@ -14,6 +14,7 @@ from plants.mujoco_log import silence_mujoco
 from plants.mujoco_robot.loading.absent import leave_out_absent
 from plants.mujoco_robot.loading.held import hold_joints, hold_others
 from plants.mujoco_robot.structure.base import hinges_and_slides
+from plants.mujoco_robot.structure.force_limits import NO_LIMIT
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.columns import did_you_mean
 from residual_mpc.models.actuators import Actuator
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     import mujoco
 
 LOG = logging.getLogger(__name__)
-NO_LIMIT = 1e10  # N m: a force range that never bites, so that `saturation` can be set on any actuator
 
 
 def compile_model(

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from plants.mujoco_robot.edits.force_ranges import raised
 from plants.mujoco_robot.simulation.fitted_laws import any_law, joint_laws, law_torques, levels, loads, signals_of
 from plants.mujoco_robot.simulation.gear_feedback import link_servos
 from plants.mujoco_robot.simulation.gravity_compensation import compensating
@@ -61,7 +62,7 @@ def _actuator_scale(batch: Any, robot: CompiledRobot, settings: Settings, drive:
     damping.
 
     A range that the model gives the force is the driver's own: a softer servo reaches it later, a weak supply and a
-    switched-off one lower it.
+    switched-off one lower it, and a limit beyond it takes its place.
     """
     model, enabled = robot.model, drive.enabled
     strengths = list(present(settings.effects, "strength"))
@@ -73,7 +74,7 @@ def _actuator_scale(batch: Any, robot: CompiledRobot, settings: Settings, drive:
     gainprm, biasprm = batch.expand("actuator_gainprm"), batch.expand("actuator_biasprm")
     forcerange = batch.expand("actuator_forcerange")
     # after retuning: the batch's own values are the nominal ones of each row
-    base = gainprm[:, :, :3].copy(), biasprm[:, :, :3].copy(), forcerange.copy()
+    base = gainprm[:, :, :3].copy(), biasprm[:, :, :3].copy(), raised(forcerange, settings.effects).copy()
     whole = np.ones((settings.rows, model.nu))
 
     gear = model.actuator_gear[:, 0]

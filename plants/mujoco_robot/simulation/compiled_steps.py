@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from plants.mujoco_robot.edits.force_ranges import raised
 from plants.mujoco_robot.native.arm import field_of, numbers_of
 from plants.mujoco_robot.native.arms import Rolled, native_arm
 from plants.mujoco_robot.native.chain import ARM, LINK
@@ -154,7 +155,7 @@ def _changing(
         made["strengths"] = tuple((columns.of(e, p, range(nu)), bool(e.supply)) for e, p in strengths)
         made["lines"] = tuple(columns.of(e, p, range(nu)) for e, p in lines)
         gain, bias, reach = (base[name] for name in FORCES)
-        parts = (gain[:, :, :1], bias[:, :, :3], np.clip(reach, -REACH, REACH))
+        parts = (gain[:, :, :1], bias[:, :, :3], np.clip(raised(reach, effects), -REACH, REACH))
         made["base"] = columns.add(*np.concatenate(parts, axis=2).reshape(len(gain), -1).T)
         limits = limits_of(effects)
         if limits is not None:

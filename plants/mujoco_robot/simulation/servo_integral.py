@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from plants.mujoco_robot.edits.force_ranges import raised
 from plants.mujoco_robot.simulation.gravity_compensation import Compensation, compensation_of
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.effect import Effect, Values
@@ -54,7 +55,8 @@ def begin_integrals(batch: Any, robot: CompiledRobot, settings: Settings, drive:
     p = {k: np.zeros((settings.rows, robot.model.nu)) for k in slots}
     for name, values in slots.items():
         p[name][:, servos] = values
-    gain, reach = batch.expand("actuator_gainprm")[:, :, 0], batch.expand("actuator_forcerange")
+    gain = batch.expand("actuator_gainprm")[:, :, 0]
+    reach = raised(batch.expand("actuator_forcerange"), settings.effects)
     limited = (reach != 0.0).any(axis=2)
     stiff = np.where(gain > 0.0, gain, np.inf)
     low, high = (np.where(limited, reach[:, :, side] / stiff, end) for side, end in ((0, -np.inf), (1, np.inf)))

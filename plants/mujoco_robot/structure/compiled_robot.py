@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plants.mujoco_robot.structure.base import PLANAR, Base, hinges_and_slides
+from plants.mujoco_robot.structure.force_limits import largest_forces
 from plants.mujoco_robot.structure.gears import Gears
 from plants.mujoco_robot.structure.lengths import Lengths
 from plants.mujoco_robot.structure.loops import Loops
@@ -125,6 +126,12 @@ class CompiledRobot:
         ranges = zip(self.actuators, self.model.actuator_ctrlrange.tolist(), strict=True)
         limited = self.model.actuator_ctrllimited.astype(bool).tolist()
         return {a: (low, high) for (a, (low, high)), clips in zip(ranges, limited, strict=True) if clips}
+
+    @cached_property
+    def force_limits(self) -> Mapping[str, float]:
+        """Largest force of each actuator that the model limits, N m or N."""
+        most = zip(self.actuators, largest_forces(self.model).tolist(), strict=True)
+        return {a: f for a, f in most if np.isfinite(f)}
 
     @cached_property
     def command_limits(self) -> Mapping[str, tuple[float, float]]:

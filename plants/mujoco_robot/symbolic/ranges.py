@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from plants.mujoco_robot.loading.compile import NO_LIMIT
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 
 MOST = 1e3  # command units, for a motor without limits
@@ -23,12 +22,6 @@ def reach(robot: CompiledRobot) -> tuple[tuple[float, float], ...]:
         else:
             out.append((-np.pi * gear, np.pi * gear))
     return tuple(out)
-
-
-def strength(robot: CompiledRobot, i: int) -> float:
-    """The largest force of an actuator in the model, N m (N); inf if it is not limited."""
-    most = float(np.abs(robot.model.actuator_forcerange[i]).max())
-    return most if most < 0.5 * NO_LIMIT else float("inf")
 
 
 def home(robot: CompiledRobot) -> dict[str, float]:

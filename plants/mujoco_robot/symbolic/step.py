@@ -15,7 +15,7 @@ from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from plants.mujoco_robot.symbolic.integrals import Integrals
 from plants.mujoco_robot.symbolic.motion import forces, motion, tool
 from plants.mujoco_robot.symbolic.numbers import Parameters, parameters, unit_of
-from plants.mujoco_robot.symbolic.ranges import home, reach, span, strength
+from plants.mujoco_robot.symbolic.ranges import home, reach, span
 from plants.mujoco_robot.symbolic.rigid_joints import with_rigid_joints
 from plants.mujoco_robot.symbolic.supported import left_out, refuse_without_step
 from residual_mpc.effects.chain import Chain, chain_of
@@ -250,7 +250,7 @@ def arm_step(robot: CompiledRobot, settings: Settings, options: StepOptions, tas
         spans=tuple(span(robot, j) for j in robot.joints),
         rates=tuple(f"velocity.{j}" for j in robot.joints),
         effort=step.effort,
-        strengths=tuple(strength(robot, i) for i in range(len(robot.actuators))),
+        strengths=tuple(robot.force_limits.get(a, float("inf")) for a in robot.actuators),
     )
 
 

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from plants.mujoco_robot.loading.compile import NO_LIMIT
+from plants.mujoco_robot.edits.force_ranges import raised_by
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.structure.force_limits import NO_LIMIT
 from plants.mujoco_robot.structure.servo_damping import share_left
 from plants.mujoco_robot.symbolic.implicit import Torques
 from plants.mujoco_robot.symbolic.numbers import Parameters
@@ -146,6 +147,10 @@ class JointTorques:
         lines = list(present(self.parameters.at(name, p, "speed limit"), "speed limit"))
         if not limits and not lines and max(map(abs, own)) >= 0.5 * NO_LIMIT:
             return None, None
+        for effect, values in limits:
+            assert effect.step is not None
+            most, _ = effect.step(self.kinks.exact, values, (), NO_LIMIT, 0.0, 0.0)
+            supply = supply * raised_by(self.kinks.exact, max(map(abs, own)), most)
         low, high = (supply * x for x in own)
         for effect, values in limits:
             assert effect.step is not None

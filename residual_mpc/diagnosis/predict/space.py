@@ -10,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.predict.reached_limits import MOST_RAISED, PROBED, reached_limit
 from residual_mpc.diagnosis.predict.references import (
     BETWEEN,
     GIVEN,
@@ -152,6 +153,7 @@ class Space:
             reach = p.most * self._largest(p.reference, knob)
             high = min(high, reach)
             low = max(low, -reach) if p.lower < p.null else low
+        high = max(high, MOST_RAISED * self.reached_limit(knob.term))
         if p.quantity == "command delay":
             low = max(low, -0.5 * self.references.get(BETWEEN, 0.0) if knob.target is None else 0.0)
         if p.quantity == "viscous damping":
@@ -190,7 +192,19 @@ class Space:
         knobs = self.knobs(term)
         rows = zip_longest(*columns)
         doses = [{k: (c[-1] if x is None else x) for k, x, c in zip(knobs, row, columns, strict=True)} for row in rows]
-        return doses + self._stalling(term, doses[-1])
+        return doses + self._stalling(term, doses[-1]) + self._raised(term)
+
+    def reached_limit(self, term: Term) -> float:
+        """The model's limit of forces that the term may raise, see `reached_limits`; 0 where there is none."""
+        if BY_NAME[term.effect].site != "limit":
+            return 0.0
+        slots = self.slots[term.effect] if term.target is None else (term.target,)
+        return reached_limit(self.robot, self.references, slots)
+
+    def _raised(self, term: Term) -> list[Values]:
+        """Limits beyond that of the model, if it reaches its own; empty for other effects."""
+        own = self.reached_limit(term)
+        return [dict.fromkeys(self.knobs(term), x * own) for x in PROBED] if own else []
 
     def _stalling(self, term: Term, largest: Values) -> list[Values]:
         """A dry friction that takes what the motors give at the measured states, where that is far more than the model

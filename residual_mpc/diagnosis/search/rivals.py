@@ -262,8 +262,9 @@ def _shares(fit: Fit, rivals: list[Rival]) -> dict[Term, float]:
         preferred = came and not any(r.gone == (term,) for r in rivals)
         place_of = min(came, key=lambda r: r.ratio).gone if preferred else (term,)
         weights: dict[EffectSet, float] = {place_of: 1.0}
+        both = {term, *place_of}
         for r in rivals:
-            needless = term not in r.gone and term not in r.fit.terms  # the rival of another term does without it
+            needless = both.isdisjoint(r.gone) and both.isdisjoint(r.fit.terms)  # another term's rival does without it
             if r.gone == place_of or needless:
                 weight = float(np.exp(-0.5 * np.clip(r.ratio, 0.0, 200.0)))
                 weights[r.came] = max(weights.get(r.came, 0.0), weight)

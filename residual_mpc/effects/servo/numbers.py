@@ -93,7 +93,7 @@ NUMBERS: tuple[ServoNumber, ...] = (
                 (Source(JOINT_COMPLIANCE, "stiffness", "is"),)),
     ServoNumber("rotor_inertia", "rotor inertia", "kg m^2", "armature", 0.0, (Source(ARMATURE, "inertia", "plus"),)),
     ServoNumber("torque_limit", "torque limit", "N m", "effort_limit", None,
-                (Source(SATURATION, "limit", "at most", 1), Source(TORQUE_SPEED_LIMIT, "stall_torque", "at most", 1)),
+                (Source(SATURATION, "limit", "is", 1), Source(TORQUE_SPEED_LIMIT, "stall_torque", "at most", 1)),
                 (), "stall_torque"),
     ServoNumber("no_load_speed", "no-load speed", "rad/s", "", None,
                 (Source(TORQUE_SPEED_LIMIT, "no_load_speed", "is", -1),), (), "no_load_speed"),

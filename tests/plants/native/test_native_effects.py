@@ -97,6 +97,17 @@ def test_all_that_changes_between_steps_together(tmp_path: Path, feedback: str, 
     assert_same(robot, replace(drive, enabled=on), settings, 1e-8)
 
 
+def test_limits_beyond_those_of_the_model_with_a_supply_that_sags(tmp_path: Path) -> None:
+    """Of 2 N m in the model, from half of that to twice as much, and an integral part that they end."""
+    robot = arm(tmp_path, SERVOS.replace('kv="1.5"', 'kv="1.5" forcerange="-2 1.6"').replace("-3 3", "-2 2"))
+    limit = np.tile(np.linspace(1.0, 4.0, ROWS)[:, None], (1, 2))
+    found = {"saturation": {"limit": limit}, "voltage_sag": {"rate": np.full((ROWS, 2), 0.1)}}
+    drive = random_drive(robot, ROWS, STEPS)
+    assert_same(robot, drive, Settings(ROWS, found), 1e-8)
+    found["servo_integral"] = {"gain": np.full((ROWS, 2), 2.0)}
+    assert_same(robot, drive, Settings(ROWS, found), 1e-8)
+
+
 def test_a_row_is_the_same_in_any_company(tmp_path: Path) -> None:
     """To the last bit: other rows decide what a program contains, not what it makes of this one."""
     robot = arm(tmp_path)

@@ -1,0 +1,52 @@
+"""A robot whose motors are stronger than its model says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from oracles.arms import arm_xml, robot_of
+from oracles.hidden_laws import ARM, weakening_run
+from oracles.rover_log import write_run
+
+import residual_mpc as rm
+from residual_mpc.diagnosis.predict.reached_limits import MOST_RAISED, PROBED, reached_limit
+from residual_mpc.diagnosis.predict.space import Space
+from residual_mpc.effects.library import LIBRARY
+from residual_mpc.models.settings import Knob, Term
+
+LIMIT = "saturation"
+
+
+def test_a_limit_of_the_model_that_is_too_low_is_named(tmp_path: Path) -> None:
+    """1.2 N m in the model, 1.8 on the robot, which its arm's weight and motions ask for. Such a robot used to be said
+    to have negative friction, springs and another inertia."""
+    (tmp_path / "arm.xml").write_text(ARM.replace("-5 5", "-1.2 1.2"))
+    (tmp_path / "robot.toml").write_text('name = "arm"\nplant = "mujoco"\nmodel = "arm.xml"\n')
+    for seed in range(5):
+        write_run(weakening_run(seed, 0.0, 0.0, strongest=1.8), tmp_path)
+    robot = rm.load_robot(tmp_path / "robot.toml")
+    found = rm.diagnose(robot, rm.read_runs(robot, [tmp_path]))
+    assert found.verdict == "effects"
+    first = found.explanation[0]
+    assert first["effect"] == LIMIT and first["probability"] > 0.8
+    low, high = first["parameters"]["limit"]["ci95"]
+    assert low <= 1.8 <= high and 1.7 < low and high < 1.9
+
+
+def test_only_a_limit_that_the_model_reaches_may_be_raised(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, arm_xml())  # j2 gives at most 3 N m, j1 has no limit
+    slots = {e.name: robot.slots(e.name) for e in LIBRARY}
+
+    def space(output: float) -> Space:
+        return Space(robot, slots, (), (), {("output", "j1"): 9.0, ("output", "j2"): output}, {})
+
+    weak, strong = space(2.0), space(3.0)
+    assert [reached_limit(robot, s.references, ("j1", "j2")) for s in (weak, strong)] == [0.0, 3.0]
+    knob, term = Knob(LIMIT, "j2", "limit"), Term(LIMIT, "j2")
+    assert weak.bounds(knob)[1] == pytest.approx(1.2 * 2.0)
+    assert strong.bounds(knob)[1] == pytest.approx(MOST_RAISED * 3.0)
+    beyond = [[dose[knob] for dose in s.plausible(term) if dose[knob] > 3.0] for s in (weak, strong)]
+    assert beyond == [[], [pytest.approx(x * 3.0) for x in PROBED]]
+    assert strong.reached_limit(Term("actuator_gain", "j2")) == 0.0
+    assert strong.reached_limit(Term(LIMIT, "j1")) == 0.0
