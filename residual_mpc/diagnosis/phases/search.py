@@ -249,8 +249,8 @@ def _on(
     """The search on these windows, from what an earlier one found; first: the effect to begin with if nothing was. None
     where that promises nothing."""
     options, space, settings = prepared.options, prepared.space, prepared.options.settings
-    # a step of a small robot costs less: a servo on the bench is looked at more closely than an arm
-    budget = int(options.search_steps * np.clip(6.0 / len(space.robot.states), 1.0, 2.0))
+    # a step of a small robot costs less, and all windows of a servo on the bench are few
+    budget = int(options.search_steps * np.clip(6.0 / len(space.robot.states), 1.0, 5.0))
     few = (thin if start is None else thin_whole)(windows, budget, settings=settings.data)
     few = well_begun(few, scales, rng, settings=settings.predict)
     quick = quickened(few, scales, settings=settings.predict)
