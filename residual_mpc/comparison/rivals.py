@@ -21,7 +21,7 @@ from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.additions import mixed
 from residual_mpc.diagnosis.search.confounded_groups import place
-from residual_mpc.diagnosis.search.substitutes import counting_all, imitate
+from residual_mpc.diagnosis.search.substitutes import counting_what_includes, imitate
 from residual_mpc.effects.actuator import ACTUATOR_GAIN
 from residual_mpc.effects.body import JOINT_COMPLIANCE
 from residual_mpc.models.settings import Knob, Term, Values
@@ -82,7 +82,7 @@ def find_change_rivals(
         weights = {t: float(np.exp(-0.5 * min(r, 200.0))) if t not in equal else 1.0 for t, r in ratios.items()}
         total = sum(weights.values())
         alike = sorted(equal | {t for t, r in ratios.items() if r < settings.search.alike}, key=lambda t: place((t,)))
-        shares = {term: weight / total for term, weight in counting_all(weights, alike).items()}
+        shares = {term: weight / total for term, weight in counting_what_includes(weights, alike).items()}
         if len(alike) > 1:
             groups.append(tuple((term,) for term in alike))
         first = next(term for term in alike if ratios[term] < settings.search.equal)

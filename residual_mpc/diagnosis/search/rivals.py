@@ -25,7 +25,7 @@ from residual_mpc.diagnosis.search.screen import smaller
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stand_ins import interchangeable, stand_ins
 from residual_mpc.diagnosis.search.stepwise import Found
-from residual_mpc.diagnosis.search.substitutes import counting_all
+from residual_mpc.diagnosis.search.substitutes import counting_what_includes
 from residual_mpc.diagnosis.search.visible_gaps import low_pass_for_another, told_over, with_gaps_seen, with_low_pass
 from residual_mpc.models.settings import Knob, Term, Values
 
@@ -271,6 +271,6 @@ def _shares(fit: Fit, rivals: list[Rival]) -> dict[Term, float]:
         total = sum(weights.values())
         alike = {place_of, *(r.came for r in rivals if r.gone == place_of and r.alike)}
         alone = {members[0]: weight for members, weight in weights.items() if len(members) == 1}
-        for t, weight in counting_all(alone, {m[0] for m in alike if len(m) == 1}).items():
+        for t, weight in counting_what_includes(alone, {m[0] for m in alike if len(m) == 1}).items():
             shares[t] = max(shares.get(t, 0.0), weight / total)
     return shares

@@ -15,8 +15,21 @@ def imitate(one: Term, other: Term) -> bool:
     return here and are_substitutes(one.effect, other.effect)
 
 
-def counting_all(weights: Mapping[Term, float], alike: Collection[Term]) -> dict[Term, float]:
-    """The weights, with that of an effect on every target added to the same effect on one where the runs do not tell
-    the two apart: what acts on all acts on the one as well."""
-    on_one = {t for t in alike if t.target is not None}
-    return {t: w + (weights.get(t._replace(target=None), 0.0) if t in on_one else 0.0) for t, w in weights.items()}
+def counting_what_includes(weights: Mapping[Term, float], alike: Collection[Term]) -> dict[Term, float]:
+    """The weights, with that of each effect that includes another one added to that one where the runs do not tell the
+    two apart: what acts on all targets acts on each of them, and an effect whose numbers may be equal is then its
+    simple case."""
+    out = dict(weights)
+    for t in weights:
+        if t not in alike:
+            continue
+        if t.target is not None:
+            out[t] += weights.get(t._replace(target=None), 0.0)
+        out[t] += sum(weights.get(other, 0.0) for other in alike if _simple_case(other) == t)
+    return out
+
+
+def _simple_case(term: Term) -> Term | None:
+    """What a term is where two of its numbers are equal, such as dry friction for Stribeck friction."""
+    equal = BY_NAME[term.effect].equal
+    return None if equal is None else term._replace(effect=equal[0])
