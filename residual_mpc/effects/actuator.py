@@ -178,7 +178,7 @@ SATURATION = Effect(
             most=1.2,
         ),
     ),
-    summary="the actuator's output stops at a limit that the model lacks",
+    summary="the actuator's output stops at a limit that the model lacks or has too low",
     start=no_memory,
     step=saturation_step,
     site="limit",

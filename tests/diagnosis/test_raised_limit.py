@@ -18,20 +18,30 @@ from residual_mpc.models.settings import Knob, Term
 LIMIT = "saturation"
 
 
+def limit_of(folder: Path, model: float, robot: float) -> tuple[float, tuple[float, float]]:
+    """The probability and the interval of the limit, which alone is named. model, robot: N m."""
+    (folder / "arm.xml").write_text(ARM.replace("-5 5", f"-{model} {model}"))
+    (folder / "robot.toml").write_text('name = "arm"\nplant = "mujoco"\nmodel = "arm.xml"\n')
+    for seed in range(5):
+        write_run(weakening_run(seed, 0.0, 0.0, strongest=robot), folder)
+    nominal = rm.load_robot(folder / "robot.toml")
+    found = rm.diagnose(nominal, rm.read_runs(nominal, [folder]))
+    assert found.verdict == "effects"
+    (named,) = found.explanation
+    assert named["effect"] == LIMIT
+    return named["probability"], tuple(named["parameters"]["limit"]["ci95"])
+
+
 def test_a_limit_of_the_model_that_is_too_low_is_named(tmp_path: Path) -> None:
     """1.2 N m in the model, 1.8 on the robot, which its arm's weight and motions ask for. Such a robot used to be said
     to have negative friction, springs and another inertia."""
-    (tmp_path / "arm.xml").write_text(ARM.replace("-5 5", "-1.2 1.2"))
-    (tmp_path / "robot.toml").write_text('name = "arm"\nplant = "mujoco"\nmodel = "arm.xml"\n')
-    for seed in range(5):
-        write_run(weakening_run(seed, 0.0, 0.0, strongest=1.8), tmp_path)
-    robot = rm.load_robot(tmp_path / "robot.toml")
-    found = rm.diagnose(robot, rm.read_runs(robot, [tmp_path]))
-    assert found.verdict == "effects"
-    first = found.explanation[0]
-    assert first["effect"] == LIMIT and first["probability"] > 0.8
-    low, high = first["parameters"]["limit"]["ci95"]
-    assert low <= 1.8 <= high and 1.7 < low and high < 1.9
+    probability, (low, high) = limit_of(tmp_path, 1.2, 1.8)
+    assert probability > 0.8 and 1.7 < low <= 1.8 <= high < 1.9
+
+
+def test_a_limit_that_the_robot_hardly_reaches_is_known_from_below(tmp_path: Path) -> None:
+    probability, (low, high) = limit_of(tmp_path, 2.0, 3.0)
+    assert probability > 0.8 and 2.0 < low <= 3.0 and high > 4.0
 
 
 def test_only_a_limit_that_the_model_reaches_may_be_raised(tmp_path: Path) -> None:

@@ -72,16 +72,17 @@ def estimates_of(
 
 def sigmas(problem: Problem, final: Fit, settings: ResultSettings) -> np.ndarray:
     """(P,) 1-sigma of each free number: from the sandwich covariance, for a threshold from its cost's profile, and for
-    one that rests on a bound from its curvature alone."""
+    one that rests on a bound from its curvature alone. Of a limit beyond the model's own the profile alone counts: what
+    is hardly ever reached has next to no derivative, and yet cannot lie much lower."""
     blocks = blocks_of(problem.data, settings=settings.fit)
     phi = dispersion(final, blocks)
     sigma = np.sqrt(np.maximum(np.diag(covariance(final, blocks)), 0.0))
     curvature = np.einsum("wnp,wnp->p", final.jacobian, final.jacobian)
     alone = final.scales * np.sqrt(phi / np.maximum(curvature, 1e-300))
-    return np.maximum(
-        np.where(final.held & (curvature > 0.0), alone, sigma),
-        profile_sigma(problem, final, phi, settings=settings.fit),
-    )
+    profile = profile_sigma(problem, final, phi, settings=settings.fit)
+    own = [problem.space.reached_limit(k.term) if k.effect != TUNE else 0.0 for k in final.knobs]
+    raised = np.array([0.0 < limit < final.values[k] for k, limit in zip(final.knobs, own, strict=True)], dtype=bool)
+    return np.where(raised, profile, np.maximum(np.where(final.held & (curvature > 0.0), alone, sigma), profile))
 
 
 def _beside_others(of: FittedExplanation) -> dict[Knob, tuple[float, ...]]:
