@@ -15,7 +15,7 @@ from oracles.rover_log import SIGMA, rover_run
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.results.causes import causes_of
-from residual_mpc.diagnosis.results.records import Estimate
+from residual_mpc.diagnosis.results.records import Cause, Estimate
 from residual_mpc.diagnosis.results.settings import CauseSettings, ResultSettings
 from residual_mpc.diagnosis.results.support import Support
 from residual_mpc.models.settings import Knob
@@ -39,11 +39,17 @@ def estimates(
     settings: ResultSettings = TUNED,
 ) -> dict[str, Estimate]:
     """Each parameter of the explanation, by name; lacking: the values without an effect, which is then in doubt."""
+    return {e.name: e for cause in causes_beside(of, unexplained, lacking, settings) for e in cause.parameters}
+
+
+def causes_beside(
+    of: Any, unexplained: float, lacking: Mapping[Knob, tuple[float, ...]], settings: ResultSettings
+) -> tuple[Cause, ...]:
+    """The causes, of which the first is in doubt where the values without it are given."""
     terms = of.final.terms
     supports, doubt = dict.fromkeys(terms, Support((), 1.0)), dict.fromkeys(terms, 1.0)
     doubt[terms[0]] = 0.5 if lacking else 1.0
-    causes = causes_of(of, unexplained, dict.fromkeys(terms, 1.0), supports, doubt, lambda terms: lacking, settings)
-    return {e.name: e for cause in causes for e in cause.parameters}
+    return causes_of(of, unexplained, dict.fromkeys(terms, 1.0), supports, doubt, lambda terms: lacking, settings)
 
 
 def half_width(e: Estimate) -> float:
@@ -156,6 +162,14 @@ def test_an_interval_holds_other_ends_of_the_fit_and_fits_without_a_doubtful_eff
     assert ended.ci95 == pytest.approx((plain.ci95[0], 1.5)) and "differ and are equally good" in ended.note
     lacked = estimates(known(), lacking={SCALE: (0.8,)})["scale"]
     assert lacked.ci95 == pytest.approx((0.8 - half_width(plain), plain.ci95[1])) and not lacked.note
+
+
+def test_an_effect_that_may_do_nothing_beside_a_doubtful_one_is_less_likely() -> None:
+    """A gain of 0.9, and of 1 without the radius, which may not be there; of 0.9 without it, it stays as sure."""
+    of = known()
+    likely = {value: causes_beside(of, 0.0, {GAIN: (value,)}, TUNED) for value in (0.9, 1.0)}
+    gains = {value: next(c for c in some if c.term.effect == GAIN.effect) for value, some in likely.items()}
+    assert gains[0.9].probability == 1.0 and gains[1.0].probability == TUNED.causes.resting
 
 
 def test_an_interval_holds_the_values_beside_another_member_of_a_confounded_group() -> None:

@@ -8,11 +8,11 @@ from residual_mpc.diagnosis.data.outlier_share import expected_jumps
 from residual_mpc.diagnosis.fit.evidence import blocks_of, covariance
 from residual_mpc.diagnosis.fit.polish import carry_on
 from residual_mpc.diagnosis.laws.figures import FittedLaw, fitted_law
-from residual_mpc.diagnosis.predict.effect_sets import without
 from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.intervals import AT_BOUND, estimates_of, spread_of
+from residual_mpc.diagnosis.results.readjusted import readjusted
 from residual_mpc.diagnosis.results.records import Cause, Estimate
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.support import Support
@@ -43,27 +43,43 @@ def causes_of(
     final, named = of.final, [t for t in of.final.terms if not is_law(t.effect)]
     spread = spread_of(of, varying, settings=settings)
     sized = {t: estimates_of(of, t, spread, unexplained, {}, settings=settings) for t in named}
-    by_numbers = {t: _doubt_by_numbers(of.problem.space, t, sized[t], settings) if t in sized else 1.0 for t in doubt}
-    factors = {t: doubt[t] * by_numbers[t] for t in doubt}
-    # of an effect that predicts much, a number at its bound doubts the name, not that something is there
-    of_presence = {t: factors[t] if supports[t].beside < settings.causes.minor else doubt[t] for t in doubt}
-    doubtful = [t for t in final.terms if of_presence[t] < settings.causes.doubtful]
+    doubtful = _doubtful(of, sized, supports, doubt, settings)
     lacking = values_without(doubtful) if len(final.terms) > 1 and doubtful else {}
     causes = []
     for term in final.terms:
         summary, evidence = BY_NAME[term.effect].summary, supports[term].evidence
         if term not in sized:
             law = _law(of, term, settings=settings)
-            causes.append(Cause(term, sure[term] * factors[term], (), summary, None, evidence, law))
+            causes.append(Cause(term, sure[term] * doubt[term], (), summary, None, evidence, law))
             continue
         estimates = estimates_of(of, term, spread, unexplained, lacking, settings=settings) if lacking else sized[term]
+        by_number = _doubt_by_numbers(of.problem.space, term, estimates, settings)
         slots = of.problem.space.slots[term.effect]
         only = slots[0] if len(slots) == 1 and BY_NAME[term.effect].target in ("actuator", "joint", "body") else None
-        probability = sure[term] * of.rivalry.shares.get(term, 1.0) * factors[term]
+        probability = sure[term] * of.rivalry.shares.get(term, 1.0) * doubt[term] * by_number
         causes.append(Cause(term, probability, estimates, summary, only, evidence))
     if of.with_outliers:
         causes.append(_outliers(of, settings=settings))
     return tuple(causes)
+
+
+def _doubtful(
+    of: FittedExplanation,
+    sized: Mapping[Term, Sequence[Estimate]],
+    supports: Mapping[Term, Support],
+    doubt: Mapping[Term, float],
+    settings: ResultSettings,
+) -> list[Term]:
+    """The effects that may well not be there, beside which the numbers of the others are not sure either."""
+    found = []
+    for term in of.final.terms:
+        factor = doubt[term]
+        # of an effect that predicts much, a number at its bound doubts the name, not that something is there
+        if term in sized and supports[term].beside < settings.causes.minor:
+            factor *= _doubt_by_numbers(of.problem.space, term, sized[term], settings)
+        if factor < settings.causes.doubtful:
+            found.append(term)
+    return found
 
 
 def _doubt_by_numbers(space: Space, term: Term, estimates: Sequence[Estimate], settings: ResultSettings) -> float:
@@ -115,8 +131,10 @@ def refitted_without(
     of: FittedExplanation, doubtful: Sequence[Term], steps: int, settings: ResultSettings
 ) -> dict[Knob, tuple[float, ...]]:
     """Each number's values in the fits without one of these effects, which may well not be there; steps: simulation
-    steps that each of the fits takes first."""
-    fits = carry_on(of.problem, [without(of.final.values, t) for t in doubtful], steps, settings=settings.fit)
+    steps that each of the fits takes first. They begin where the others make up for it: a dead time that has to take
+    over a lag may be held back by its rough cost on the way."""
+    begun = readjusted(of.problem, of.final)
+    fits = carry_on(of.problem, [begun[t] for t in doubtful], steps, settings=settings.fit)
     return {k: tuple(f.values[k] for f in fits if k in f.values) for k in of.final.knobs}
 
 
