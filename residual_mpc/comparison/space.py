@@ -63,7 +63,9 @@ class ChangeSpace(Space):
             above = [v for v in values if v[0] > first.null]
             chosen = [*below, *above[:1], *above[1:][-1:]]
         else:
-            chosen = [values[0], values[len(values) // 2], values[-1]]
+            own = self.reached_limit(term) or np.inf  # limits beyond it raise that of the model
+            lower = [v for v in values if v[0] <= own]
+            chosen = [lower[0], lower[len(lower) // 2], lower[-1], *values[len(lower) :][-1:]]
         return [there[i] for _, i in chosen]
 
     def settings(self, hypotheses: Sequence[Values]) -> Settings:

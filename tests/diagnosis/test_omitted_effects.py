@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
 import pytest
+from oracles.arms import arm_xml, robot_of
 from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
@@ -12,8 +19,9 @@ from residual_mpc.diagnosis.fit.marginalisation import carrying
 from residual_mpc.diagnosis.fit.omitted_effects import _directions, _reach, shifts_beside
 from residual_mpc.diagnosis.fit.settings import FitSettings, OmittedSettings
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
-from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.predict.space import Space, build_space
 from residual_mpc.diagnosis.predict.tolerances import small_differences
+from residual_mpc.effects.library import LIBRARY
 from residual_mpc.models.settings import Knob, Term, Values
 
 ROVER = DiffDrive("rover", 0.033, 0.16)
@@ -49,17 +57,43 @@ def test_nothing_moves_where_nothing_is_omitted() -> None:
     assert shifts(problem, fit) == ()
 
 
-def test_the_numbers_move_beside_as_many_effects_as_are_fitted() -> None:
+def test_at_most_so_many_effects_are_fitted_beside() -> None:
     problem, fit = fitted({"command_delay": {"delay": 0.06}, "actuator_lag": {"time_constant": 0.025}}, {DELAY: 0.05})
+    assert len(shifts(problem, fit)) > 1
     assert len(shifts(problem, fit, FitSettings(omitted=OmittedSettings(most=1)))) == 1
 
 
-def test_two_wheels_are_one_direction_more_unless_the_set_has_their_effect() -> None:
-    problem, fit = fitted({}, {DELAY: 0.0})
-    differences = small_differences(problem.space, fit.values, fit.knobs, settings=SETTINGS.predict)
-    terms = [d.difference.knob.term for d in _directions(problem.space, fit, differences)]
-    assert {Term("actuator_lag", t) for t in (None, "left", "right")} <= set(terms)
-    assert all(t.effect != "command_delay" for t in terms)
+def terms_beside(start: Values, twins: tuple[frozenset[Term], ...] = ()) -> set[Term]:
+    """The effects that may be fitted beside a set."""
+    problem, fit = fitted({}, start)
+    space = replace(problem.space, twins=twins)
+    differences = small_differences(space, fit.values, fit.knobs, settings=SETTINGS.predict)
+    return {d.difference.knob.term for d in _directions(space, fit, differences)}
+
+
+def test_both_wheels_alike_are_one_more_unless_the_set_has_the_effect_or_its_twin() -> None:
+    """A dead time of the commands and a delay of all readings are twins."""
+    wheels = (None, "left", "right")
+    beside = terms_beside({Knob("actuator_gain", "left", "gain"): 1.0})
+    assert {Term("actuator_lag", t) for t in wheels} <= beside
+    assert {t for t in beside if t.effect == "actuator_gain"} == {Term("actuator_gain", "right")}
+    late, seen = Term("command_delay", None), Knob("sensor_delay", "pose", "delay")
+    assert late in terms_beside({seen: 0.01})
+    assert late not in terms_beside({seen: 0.01}, (frozenset({late, seen.term}),))
+
+
+def test_all_alike_counts_each_target_by_its_own_step(tmp_path: Path) -> None:
+    """One tolerance of dry friction is a share of each joint's torque; the same friction at both is not the sum."""
+    robot = robot_of(tmp_path, arm_xml())
+    references = {("torque", "j1"): 3.0, ("torque", "j2"): 0.3}
+    terms = tuple(Term("coulomb_friction", j) for j in (None, "j1", "j2"))
+    space = Space(robot, {e.name: robot.slots(e.name) for e in LIBRARY}, terms, (), references, {})
+    differences = small_differences(space, {}, settings=SETTINGS.predict)
+    fit: Any = SimpleNamespace(terms=(), values={})
+    (both,) = (d for d in _directions(space, fit, differences) if d.difference.knob.target is None)
+    steps = [differences[i].step for i in both.columns]
+    assert steps[0] == pytest.approx(10.0 * steps[1])
+    np.testing.assert_allclose(np.array(both.weights) * steps, both.difference.step)
 
 
 def test_a_difference_stays_inside_the_bounds_of_its_number() -> None:

@@ -7,7 +7,15 @@ import numpy as np
 from plants.mujoco_robot.structure.force_limits import NO_LIMIT
 from residual_mpc.effects.chain import limits_of
 from residual_mpc.effects.library import Effects
-from residual_mpc.effects.ops import Ops
+from residual_mpc.effects.ops import NUMPY, Ops
+
+
+def raise_factor(ops: Ops, own: Any, limit: Any) -> Any:
+    """The factor on a range of forces whose larger end is `own`, N m or N, for an effect's limit, which is at least 0.5
+    NO_LIMIT where there is none; 1 where the limit is lower, and where the model sets none."""
+    limited = (own > 0.0) & (own < 0.5 * NO_LIMIT)
+    ratio = ops.maximum(limit / ops.where(limited, own, 1.0), 1.0)
+    return ops.where(limited, ops.where(limit < 0.5 * NO_LIMIT, ratio, 1.0), 1.0)
 
 
 def raised(ranges: np.ndarray, effects: Effects) -> np.ndarray:
@@ -16,15 +24,5 @@ def raised(ranges: np.ndarray, effects: Effects) -> np.ndarray:
     limits = limits_of(effects)
     if limits is None:
         return ranges
-    own, high = np.abs(ranges).max(axis=2), limits[1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        times = np.where((own > 0.0) & (own < 0.5 * NO_LIMIT) & np.isfinite(high), np.maximum(high / own, 1.0), 1.0)
-    return np.asarray(ranges * times[:, :, None])
-
-
-def raised_by(ops: Ops, own: float, limit: Any) -> Any:
-    """The factor on a range whose larger end is `own`, for one limit, which is at least 0.5 NO_LIMIT where there is
-    none."""
-    if not 0.0 < own < 0.5 * NO_LIMIT:
-        return 1.0
-    return ops.where(limit < 0.5 * NO_LIMIT, ops.maximum(limit / own, 1.0), 1.0)
+    most = np.minimum(limits[1], NO_LIMIT)
+    return np.asarray(ranges * raise_factor(NUMPY, np.abs(ranges).max(axis=2), most)[:, :, None])

@@ -7,9 +7,9 @@ from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 MOST = 1e3  # command units, for a motor without limits
 
 
-def reach(robot: CompiledRobot) -> tuple[tuple[float, float], ...]:
-    """(nu,) pairs of the lowest and highest command: the actuator's range, else the force range of a motor, else half a
-    turn to either side."""
+def reach(robot: CompiledRobot, force: np.ndarray) -> tuple[tuple[float, float], ...]:
+    """(nu,) pairs of the lowest and highest command: the actuator's range, else what a motor's largest force (nu,), N m
+    or N, takes, else half a turn to either side."""
     out = []
     for i, name in enumerate(robot.actuators):
         if name in robot.command_limits:
@@ -17,7 +17,7 @@ def reach(robot: CompiledRobot) -> tuple[tuple[float, float], ...]:
             continue
         gear, gain = (float(abs(x)) for x in (robot.model.actuator_gear[i, 0], robot.model.actuator_gainprm[i, 0]))
         if robot.command_kinds[i] == "torque":
-            most = min(float(np.abs(robot.model.actuator_forcerange[i]).max()) / max(gain, 1e-12), MOST)
+            most = min(float(force[i]) / max(gain, 1e-12), MOST)
             out.append((-most, most))
         else:
             out.append((-np.pi * gear, np.pi * gear))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from plants.mujoco_robot.edits.force_ranges import raised_by
+from plants.mujoco_robot.edits.force_ranges import raise_factor
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from plants.mujoco_robot.structure.force_limits import NO_LIMIT
 from plants.mujoco_robot.structure.servo_damping import share_left
@@ -147,11 +147,12 @@ class JointTorques:
         lines = list(present(self.parameters.at(name, p, "speed limit"), "speed limit"))
         if not limits and not lines and max(map(abs, own)) >= 0.5 * NO_LIMIT:
             return None, None
+        most: Any = NO_LIMIT
         for effect, values in limits:
             assert effect.step is not None
-            most, _ = effect.step(self.kinks.exact, values, (), NO_LIMIT, 0.0, 0.0)
-            supply = supply * raised_by(self.kinks.exact, max(map(abs, own)), most)
-        low, high = (supply * x for x in own)
+            most, _ = effect.step(self.kinks.exact, values, (), most, 0.0, 0.0)
+        factor = raise_factor(self.kinks.exact, max(map(abs, own)), most) if limits else 1.0
+        low, high = (supply * factor * x for x in own)
         for effect, values in limits:
             assert effect.step is not None
             low, high = (effect.step(self.kinks.exact, values, (), y, 0.0, 0.0)[0] for y in (low, high))

@@ -18,8 +18,8 @@ def all_at_once(problem: BaselineProblem) -> Fit | None:
     for term in _separate(space.candidates):
         for knob in space.knobs(term):
             null, (low, high) = space.null(knob), space.bounds(knob)
-            # a limit that the model lacks starts where it does not bite
-            start[knob] = high if math.isinf(null) else float(np.clip(null, low, high))
+            # a limit that the model lacks starts where it does not bite, one that it has at its own
+            start[knob] = (space.reached_limit(term) or high) if math.isinf(null) else float(np.clip(null, low, high))
     if not start:
         return None
     fit = fit_all(problem.fitting, [start], 6)[0]

@@ -17,23 +17,25 @@ from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.problem import Problem, tolerating, whitened
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.predict.tolerances import Difference
-from residual_mpc.models.settings import Values
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.settings import Term, Values
 
 
 @dataclass(frozen=True, eq=False)
 class _Direction:
-    """A difference, of one target or of all alike, and the columns that add up to how one step of it moves the
-    prediction."""
+    """A difference, of one target or of all alike, and the columns whose sum with these weights is how one step of it
+    moves the prediction."""
 
     difference: Difference
     columns: tuple[int, ...]
+    weights: tuple[float, ...]
 
 
 def shifts_beside(
     carried: Problem, fit: Fit, differences: Sequence[Difference], steps: int, settings: FitSettings
 ) -> tuple[Values, ...]:
-    """How the numbers of the fit move beside one more small effect, for those few effects beside which they move most,
-    among those that the residuals show.
+    """Shifts of the numbers of the fit when one more small effect is fitted, for the few effects that shift them most
+    among those that the residuals support.
 
     Args:
         carried: the problem of the fit, carrying the columns of the differences, which come first.
@@ -45,7 +47,7 @@ def shifts_beside(
     if not directions or not fit.knobs or fit.held.all():
         return ()
     columns = carried.tolerances.columns
-    sums = np.stack([columns[..., list(d.columns)].sum(axis=-1) for d in directions], axis=-1)
+    sums = np.stack([columns[..., list(d.columns)] @ np.array(d.weights) for d in directions], axis=-1)
     sizes, worth, moves = _linear(plain, fit, -whitened(plain, sums), settings)
     sizes = np.clip(sizes, *np.transpose([_reach(carried.space, d.difference) for d in directions]))
     far = np.max(np.abs(moves * sizes), axis=0, initial=0.0)
@@ -62,18 +64,20 @@ def shifts_beside(
 
 
 def _directions(space: Space, fit: Fit, differences: Sequence[Difference]) -> list[_Direction]:
-    """Each difference; where several targets have one of a kind, all alike too, unless the set has that effect."""
-    out = [_Direction(d, (i,)) for i, d in enumerate(differences) if space.may_join(d.knob.term, fit.terms)]
+    """Each difference that may join the set, and each effect that may act on all of its targets alike."""
+    out = [_Direction(d, (i,), (1.0,)) for i, d in enumerate(differences) if space.may_join(d.knob.term, fit.terms)]
     alike = defaultdict[tuple[object, ...], list[int]](list)
     for i, d in enumerate(differences):
-        shape = tuple(v for k, v in d.own.items() if k != d.knob)
+        shape = tuple(v for k, v in d.own.items() if BY_NAME[k.effect].parameter(k.parameter).shape)
         alike[(d.knob.effect, d.knob.parameter, shape)].append(i)
-    for (effect, *_), places in alike.items():
-        if len(places) > 1 and all(t.effect != effect for t in fit.terms):
-            one = differences[places[0]]
+    for places in alike.values():
+        one = differences[places[0]]
+        everywhere = Term(one.knob.effect, None)
+        whole = len(places) > 1 and len(places) == len(space.slots[one.knob.effect])
+        if whole and BY_NAME[one.knob.effect].null_target and space.may_join(everywhere, fit.terms):
             own = {k._replace(target=None): v for k, v in one.own.items()}
-            knob = one.knob._replace(target=None)
-            out.append(_Direction(Difference(knob, one.step, own, {**fit.values, **own}), tuple(places)))
+            difference = Difference(one.knob._replace(target=None), one.step, own, {**fit.values, **own})
+            out.append(_Direction(difference, tuple(places), tuple(one.step / differences[i].step for i in places)))
     return out
 
 
@@ -96,7 +100,7 @@ def _linear(
         scores = np.bincount(blocks, (own[:, i] * left).reshape(fit.r.shape).sum(axis=1))
         meat = max(float(scores @ scores), seen[i] * float(left @ left) / max(np.count_nonzero(left), 1))
         worth[i] = (size * seen[i]) ** 2 / max(meat, 1e-300)
-    shrunk = raw * worth / (1.0 + worth) if len(raw) else raw
+    shrunk = raw * worth / (1.0 + worth)
     moves = np.zeros((len(fit.knobs), len(raw)))
     moves[free] = -np.linalg.lstsq(upper, along, rcond=None)[0]
     return shrunk, worth, moves

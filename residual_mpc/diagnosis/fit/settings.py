@@ -119,8 +119,8 @@ class NoiseFitSettings:
 
 @dataclass(frozen=True)
 class OmittedSettings:
-    """shown: squared size of a small effect over its variance, from which the residuals show it; most: small effects
-    that are fitted beside the others, one at a time."""
+    """shown: smallest squared size over variance at which the residuals support a small effect; most: how many of them
+    are fitted beside the others, one at a time."""
 
     shown: float = 10.0
     most: int = 4

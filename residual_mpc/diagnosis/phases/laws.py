@@ -84,7 +84,7 @@ def _explained(prepared: Prepared, refined: Refined, found: WithLaws, rng: np.ra
     ends = {k: (final.values[k],) for k in final.knobs if k.effect != TUNE}
     return replace(
         of, problem=problem, base=base, final=final, ends=ends, rivalry=_still_standing(of.rivalry, final),
-        vetoed=(), doubtful=(), expected=expected, tolerated=None, forms=found.forms,
+        vetoed=(), doubtful=(), expected=expected, tolerated=None, omitted=(), forms=found.forms,
     )  # fmt: skip
 
 

@@ -249,7 +249,7 @@ def _on(
     """The search on these windows, from what an earlier one found; first: the effect to begin with if nothing was. None
     where that promises nothing."""
     options, space, settings = prepared.options, prepared.space, prepared.options.settings
-    # a step of a small robot costs less, and all windows of a servo on the bench are few
+    # a small robot simulates faster, and a servo on the bench has few windows in all
     budget = int(options.search_steps * np.clip(6.0 / len(space.robot.states), 1.0, 5.0))
     few = (thin if start is None else thin_whole)(windows, budget, settings=settings.data)
     few = well_begun(few, scales, rng, settings=settings.predict)

@@ -1,4 +1,4 @@
-"""Limits of forces that the model sets and reaches in the runs: the robot's own may be higher."""
+"""Force limits of the model that it reaches in the runs, so that the robot's own may be higher."""
 
 from collections.abc import Mapping, Sequence
 
@@ -7,7 +7,7 @@ from residual_mpc.models.protocol import Robot
 
 REACHED = 0.98  # of a limit, from which a prediction counts as reaching it
 MOST_RAISED = 4.0  # times the model's limit, up to which the robot's is looked for
-PROBED = (1.25, 1.8)  # likewise, worth a first look
+PROBED = (1.25, 1.8)  # multiples of the model's limit that a search tries first
 
 
 def reached_limit(robot: Robot, references: Mapping[tuple[str, str], float], actuators: Sequence[str]) -> float:

@@ -131,8 +131,8 @@ def refitted_without(
     of: FittedExplanation, doubtful: Sequence[Term], steps: int, settings: ResultSettings
 ) -> dict[Knob, tuple[float, ...]]:
     """Each number's values in the fits without one of these effects, which may well not be there; steps: simulation
-    steps that each of the fits takes first. They begin where the others make up for it: a dead time that has to take
-    over a lag may be held back by its rough cost on the way."""
+    steps that each of the fits takes first. They begin where the others compensate for it: a dead time that has to take
+    over a lag may get stuck in local minima of its cost on the way."""
     begun = readjusted(of.problem, of.final)
     fits = carry_on(of.problem, [begun[t] for t in doubtful], steps, settings=settings.fit)
     return {k: tuple(f.values[k] for f in fits if k in f.values) for k in of.final.knobs}

@@ -59,7 +59,7 @@ class FittedExplanation:
     doubtful: tuple[Term, ...]
     expected: Shrink | None
     tolerated: MarginalisedFit | None
-    omitted: tuple[Values, ...] = ()
+    omitted: tuple[Values, ...]
     forms: Mapping[Term, str] = field(default_factory=dict)
 
     @property

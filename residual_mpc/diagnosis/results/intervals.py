@@ -72,8 +72,8 @@ def estimates_of(
 
 def sigmas(problem: Problem, final: Fit, settings: ResultSettings) -> np.ndarray:
     """(P,) 1-sigma of each free number: from the sandwich covariance, for a threshold from its cost's profile, and for
-    one that rests on a bound from its curvature alone. Of a limit beyond the model's own the profile alone counts: what
-    is hardly ever reached has next to no derivative, and yet cannot lie much lower."""
+    one that rests on a bound from its curvature alone. Of a limit beyond the model's own the profile alone counts: a
+    limit that is rarely reached has almost no derivative, but the data still bound it from below."""
     blocks = blocks_of(problem.data, settings=settings.fit)
     phi = dispersion(final, blocks)
     sigma = np.sqrt(np.maximum(np.diag(covariance(final, blocks)), 0.0))

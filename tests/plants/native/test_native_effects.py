@@ -98,7 +98,7 @@ def test_all_that_changes_between_steps_together(tmp_path: Path, feedback: str, 
 
 
 def test_limits_beyond_those_of_the_model_with_a_supply_that_sags(tmp_path: Path) -> None:
-    """Of 2 N m in the model, from half of that to twice as much, and an integral part that they end."""
+    """Of 2 N m in the model, from half of that to twice as much, with an integrator that the limits clamp."""
     robot = arm(tmp_path, SERVOS.replace('kv="1.5"', 'kv="1.5" forcerange="-2 1.6"').replace("-3 3", "-2 2"))
     limit = np.tile(np.linspace(1.0, 4.0, ROWS)[:, None], (1, 2))
     found = {"saturation": {"limit": limit}, "voltage_sag": {"rate": np.full((ROWS, 2), 0.1)}}
