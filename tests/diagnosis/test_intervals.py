@@ -164,6 +164,13 @@ def test_an_interval_holds_other_ends_of_the_fit_and_fits_without_a_doubtful_eff
     assert lacked.ci95 == pytest.approx((0.8 - half_width(plain), plain.ci95[1])) and not lacked.note
 
 
+def test_an_interval_holds_the_value_beside_one_more_small_effect() -> None:
+    """With an interval of the same width; the other number does not move."""
+    plain, found = estimates(known()), estimates(known(omitted=({SCALE: 0.3, GAIN: 0.0},)))
+    assert found["scale"].ci95 == pytest.approx((plain["scale"].ci95[0], plain["scale"].ci95[1] + 0.3))
+    assert found["gain"].ci95 == pytest.approx(plain["gain"].ci95)
+
+
 def test_an_effect_that_may_do_nothing_beside_a_doubtful_one_is_less_likely() -> None:
     """A gain of 0.9, and of 1 without the radius, which may not be there; of 0.9 without it, it stays as sure."""
     of = known()

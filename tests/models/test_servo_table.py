@@ -25,8 +25,10 @@ def entry(name: str, target: str | None, probability: float = 0.9, **numbers: Va
     return {"effect": name, "target": target, "probability": probability, "parameters": parameters}
 
 
-def rows(folder: Path, explanation: list[dict[str, Any]], **more: Any) -> dict[str, ServoRow]:
-    (folder / "arm.xml").write_text(arm_xml(ACTUATORS))
+def rows(
+    folder: Path, explanation: list[dict[str, Any]], actuators: str = ACTUATORS, **more: Any
+) -> dict[str, ServoRow]:
+    (folder / "arm.xml").write_text(arm_xml(actuators))
     (folder / "robot.toml").write_text(ROBOT)
     robot = rm.load_robot(folder / "robot.toml")
     document = {"explanation": explanation, "model": {"values": []}} | more
@@ -75,6 +77,15 @@ def test_an_effect_of_a_joint_or_a_channel_is_the_servos(tmp_path: Path) -> None
     assert value(found["s1"], "offset").value == 0.07 and value(found["s2"], "offset").value == 0.0
     assert value(found["s2"], "torque_limit").value == 3.0  # at the joint, behind a gear of 2
     assert value(found["s1"], "torque_limit").nominal is None
+
+
+@pytest.mark.parametrize("limit", [1.5, 9.0])
+def test_a_limit_replaces_that_of_the_model(tmp_path: Path, limit: float) -> None:
+    """Lower or higher than the model's 4 N m, behind a gear of 2."""
+    limited = ACTUATORS.replace('gear="2"', 'gear="2" forcerange="-2 2"')
+    found = rows(tmp_path, [entry("saturation", "s2", limit=(limit, 0.9 * limit, 1.1 * limit))], limited)
+    torque = value(found["s2"], "torque_limit")
+    assert (torque.nominal, torque.value) == (pytest.approx(4.0), pytest.approx(2.0 * limit))
 
 
 def test_effects_on_one_number_add_up(tmp_path: Path) -> None:
