@@ -129,6 +129,18 @@ def test_probes_of_a_change_go_both_ways() -> None:
     assert min(sizes) < 1.0 < max(sizes)
 
 
+def test_probes_of_a_changed_limit_go_beyond_that_of_the_model_where_it_is_reached(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The nearest limit below stays among them: a motor that has become a little weaker is the usual change."""
+    term = next(t for t in SPACE.candidates if t.effect == "saturation")
+    plain = [v for probe in SPACE.probes(term) for v in probe.values()]
+    own = max(plain) / 0.96  # the first probe, of the largest output
+    monkeypatch.setattr(ChangeSpace, "reached_limit", lambda *_: own)
+    raised = [v for probe in SPACE.probes(term) for v in probe.values()]
+    assert raised[:-1] == plain and max(plain) < own < raised[-1]
+
+
 def two_sets() -> Dataset:
     """Windows of four runs, the last two of which are the later set."""
     runs = [driven(f"r{k}", 10.0, k) for k in range(4)]

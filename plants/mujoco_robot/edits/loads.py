@@ -11,7 +11,7 @@ POSES = 128  # in which a joint's largest inertia is looked for
 def largest_torques(robot: CompiledRobot) -> np.ndarray:
     """(joints,) N m (N), the most that the model lets the actuators of each joint give; inf where it sets no limit."""
     m = robot.model
-    force = largest_forces(m)
+    force = largest_forces(m.actuator_forcerange)
     for i, kind in enumerate(robot.command_kinds):
         if kind == "torque" and m.actuator_ctrllimited[i]:
             force[i] = min(force[i], abs(m.actuator_gainprm[i, 0]) * np.abs(m.actuator_ctrlrange[i]).max())

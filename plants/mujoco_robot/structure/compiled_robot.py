@@ -130,7 +130,7 @@ class CompiledRobot:
     @cached_property
     def force_limits(self) -> Mapping[str, float]:
         """Largest force of each actuator that the model limits, N m or N."""
-        most = zip(self.actuators, largest_forces(self.model).tolist(), strict=True)
+        most = zip(self.actuators, largest_forces(self.model.actuator_forcerange).tolist(), strict=True)
         return {a: f for a, f in most if np.isfinite(f)}
 
     @cached_property

@@ -13,7 +13,7 @@ import numpy as np
 
 from plants.mujoco_robot.edits.force_ranges import raised
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
-from plants.mujoco_robot.structure.force_limits import NO_LIMIT, largest_forces
+from plants.mujoco_robot.structure.force_limits import largest_forces
 from plants.mujoco_robot.symbolic.integrals import Integrals
 from plants.mujoco_robot.symbolic.motion import forces, motion, tool
 from plants.mujoco_robot.symbolic.numbers import Parameters, parameters, unit_of
@@ -169,7 +169,8 @@ class ArmStep:
         robot, n = self.robot, len(self.robot.joints)
         u = _unloaded(robot, x[:n])
         push, clock = np.zeros(n), x[self.states.index("clock")] if "clock" in self.states else 0.0
-        low, high = (np.array(side) for side in zip(*reach(robot, largest_forces(robot.model)), strict=True))
+        ranges = reach(robot, largest_forces(robot.model.actuator_forcerange))
+        low, high = (np.array(side) for side in zip(*ranges, strict=True))
         small = SMALL * (high - low)  # too small for a force to leave its range
         gap = self._pulled(x[:n], u, push, clock)
         slope = np.stack([self._pulled(x[:n], u + e, push, clock) - gap for e in np.diag(small)], axis=1)
@@ -232,7 +233,7 @@ def arm_step(robot: CompiledRobot, settings: Settings, options: StepOptions, tas
             "corrections may add to acceleration.*, disturbances to torque.*, and no signal can be remembered",
         )  # fmt: skip
     poses = tuple(f"position.{j}" for j in robot.joints)
-    most = np.abs(raised(robot.model.actuator_forcerange[None], effects)[0]).max(axis=1)
+    most = largest_forces(raised(robot.model.actuator_forcerange[None], effects)[0])
     return Stepped(
         options.dt,
         step.states,
@@ -253,7 +254,7 @@ def arm_step(robot: CompiledRobot, settings: Settings, options: StepOptions, tas
         spans=tuple(span(robot, j) for j in robot.joints),
         rates=tuple(f"velocity.{j}" for j in robot.joints),
         effort=step.effort,
-        strengths=tuple(np.where(most < 0.5 * NO_LIMIT, most, np.inf).tolist()),
+        strengths=tuple(most.tolist()),
     )
 
 

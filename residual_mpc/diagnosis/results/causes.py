@@ -96,7 +96,7 @@ def _may_be_none(space: Space, term: Term, estimates: Sequence[Estimate]) -> boo
     if any(_anywhere(effect.parameter(e.name), e) for e in sizes):
         return True
     nulls = [_idle(space, Knob(*term[:2], e.name)) for e in sizes]
-    # do nothing from there on, unless they are the robot's and the model has a lower one
+    # a limit does nothing from there on, unless it lies beyond one that the model itself reaches
     limits = [np.isinf(effect.parameter(e.name).null) and not space.reached_limit(term) for e in sizes]
     return bool(sizes) and all(
         null <= e.ci95[1] and (limit or e.ci95[0] <= null) for e, null, limit in zip(sizes, nulls, limits, strict=True)

@@ -47,8 +47,10 @@ def spread_of(of: FittedExplanation, varying: Container[Term], settings: ResultS
     beside = _beside_others(of)
     earlier = _of_mean_speeds(of)
     held = {k: more for k in final.knobs if (more := hidden_inertia(problem.space.robot, k)) > 0.0}
-    others = {k: (*beside[k], *([finer[k]] if k in finer else ()), *earlier.get(k, ())) for k in final.knobs}
-    others |= {k: (*others[k], *(final.values[k] + shift[k] for shift in of.omitted)) for k in final.knobs}
+    shifted = {k: tuple(final.values[k] + shift[k] for shift in of.omitted) for k in final.knobs}
+    others = {
+        k: (*beside[k], *shifted[k], *([finer[k]] if k in finer else ()), *earlier.get(k, ())) for k in final.knobs
+    }
     others |= {k: (*others[k], final.values[k] + more) for k, more in held.items()}
     return Spread(sigma, aside, others)
 

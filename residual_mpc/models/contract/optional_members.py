@@ -19,6 +19,7 @@ def check_optional(robot: Robot) -> None:
     _check_ranges("limits", optional.limits(robot), optional.joints(robot))
     _check_ranges("command_limits", optional.command_limits(robot), robot.actuators)
     _check_ranges("clamps", optional.clamps(robot), robot.actuators)
+    _check_forces(optional.force_limits(robot), robot.actuators)
     _check_rest(robot)
     _check_names("held", optional.held(robot))
     for actuator in optional.held(robot):
@@ -69,6 +70,15 @@ def _check_ranges(member: str, ranges: object, known: tuple[str, ...]) -> None:
         two = isinstance(pair, tuple | list) and len(pair) == 2 and all(isinstance(x, Real) for x in pair)
         ordered = two and bool(float(pair[0]) < float(pair[1]))
         demand(ordered, f"{member} of {name} is a range", repr(pair), "two numbers, lower < upper")
+
+
+def _check_forces(limits: object, known: tuple[str, ...]) -> None:
+    demand(isinstance(limits, Mapping), "force_limits is a mapping", repr(limits), "actuator -> largest force")
+    assert isinstance(limits, Mapping)
+    for name, force in limits.items():
+        demand(name in known, "force_limits is by actuator", repr(name), f"one of {known}")
+        positive = _is_number(force) and float(force) >= 0.0
+        demand(positive, f"force_limits of {name} is a force", repr(force), "a finite number, 0 or more")
 
 
 def _check_rest(robot: Robot) -> None:
