@@ -68,7 +68,7 @@ class ServoArm:
         """Where effects can act. No delay of readings: in a log the few ms that the servos' inertia takes, which this
         model lacks, would pass for one."""
         return {
-            **dict.fromkeys(("command", "strength", "dry friction", "damping"), MOTORS),
+            **dict.fromkeys(("command", "strength", "position gain", "dry friction", "damping"), MOTORS),
             **dict.fromkeys(("tool", "samples"), (self.name,)),
             **dict.fromkeys(("offset", "range"), tuple(f"position.{m}" for m in MOTORS)),
         }
@@ -154,7 +154,8 @@ def _with_effects(law: Servo, i: int, effects: Effects, clock: np.ndarray, dt: f
     damping = changes(effects, "viscous damping")
     b = law.b if damping is None else law.b + damping[:, i]
     mine = [(e, {k: v[:, i] for k, v in p.items()}) for e, p in present(effects, "strength")]
-    kp, kv = law.kp, law.kv
+    stiffness = changes(effects, "servo stiffness")
+    kp, kv = law.kp if stiffness is None else law.kp * stiffness[:, i], law.kv
     for one in mine:
         scale = scaled(NUMPY, [one], 1.0, clock, dt)
         kp, kv = scale * kp, scale * kv

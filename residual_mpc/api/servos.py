@@ -6,11 +6,13 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from residual_mpc.api.robot import NominalRobot
-from residual_mpc.effects.actuator import ACTUATOR_GAIN
+from residual_mpc.effects.actuator import ACTUATOR_GAIN, POSITION_GAIN
 from residual_mpc.effects.servo.readings import Driven, readings_of
 from residual_mpc.models.motors.tables import servo_of
 from residual_mpc.models.servo_table import ServoRow, driven_by, servo_rows
 from residual_mpc.report.words.servo import changes, reading_clause
+
+GAINS = (ACTUATOR_GAIN.name, POSITION_GAIN.name)  # changes that say something of a motor
 
 
 def with_servos(document: dict[str, Any], robot: NominalRobot) -> dict[str, Any]:
@@ -45,7 +47,7 @@ def with_motors_changed(document: dict[str, Any], robot: NominalRobot) -> dict[s
 
 
 def _with_motor_changed(change: dict[str, Any], robot: NominalRobot, rows: Sequence[ServoRow]) -> dict[str, Any]:
-    if change["effect"] != ACTUATOR_GAIN.name:
+    if change["effect"] not in GAINS:
         return change
     driven = [_relative(d) for d in driven_by(change["effect"], change["target"], robot.model, rows)]
     sizes = {name: n["change"] for name, n in change["parameters"].items()}

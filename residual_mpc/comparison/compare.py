@@ -11,7 +11,6 @@ from residual_mpc.comparison.conditions import driven_differently
 from residual_mpc.comparison.gaps import compared_gap
 from residual_mpc.comparison.named import may_be_none, named_changes, other_candidates, plain
 from residual_mpc.comparison.outliers import changed_outliers
-from residual_mpc.comparison.position_gain import judged, notes_on, servo_doubts
 from residual_mpc.comparison.prepare import (
     ComparisonInput,
     cut_sets,
@@ -159,12 +158,9 @@ def _judged(
     rises = last.found.again is not None and gap.after > settings.rises * max(gap.before, gap.noise_floor)
     verdict = _verdict(bool(found.changes or jumping), left.p, unexplained, gap.rise, rises, settings)
     named = named_changes(whole, fit, rivals, spread, settings.sure, settings)
-    doubts = servo_doubts(named, given.robots, left.told)
-    if verdict == "changed" and any(doubt.better for doubt in doubts):
-        verdict = "partial"  # the more likely change is not the one that is named
     sure = settings.sure if verdict == "changed" else settings.sure_partial * (1.0 - unexplained)
     named = named if sure == settings.sure else named_changes(whole, fit, rivals, spread, sure, settings)
-    considered = (*judged(named, doubts), *jumping)
+    considered = (*named, *jumping)
     groups = tuple(tuple(tuple(plain(t) for t in m) for m in g) for g in rivals.groups)
     # what is not named was significant, so that the sets differ
     unnamed = _verdict(False, 0.0, unexplained, gap.rise, rises, settings)
@@ -196,7 +192,6 @@ def _judged(
             groups, wheeled="left" in space.robot.actuators, verdict="partial" if groups else "no_gap"
         ),
         notes=(
-            *notes_on(doubts),
             *(_leading(last, settings) if verdict == "unknown" else ()),
             *_driving(sets, gap, verdict, settings),
         ),

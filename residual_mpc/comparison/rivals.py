@@ -22,12 +22,12 @@ from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.additions import mixed
 from residual_mpc.diagnosis.search.confounded_groups import place
 from residual_mpc.diagnosis.search.substitutes import counting_what_includes, imitate
-from residual_mpc.effects.actuator import ACTUATOR_GAIN
+from residual_mpc.effects.actuator import ACTUATOR_GAIN, POSITION_GAIN
 from residual_mpc.effects.body import JOINT_COMPLIANCE
 from residual_mpc.models.settings import Knob, Term, Values
 
 # a servo of lower gain yields to a load as one behind a spring does; only fast motions tell the two apart
-YIELDING = {ACTUATOR_GAIN.name, JOINT_COMPLIANCE.name}
+YIELDING = tuple({gain.name, JOINT_COMPLIANCE.name} for gain in (ACTUATOR_GAIN, POSITION_GAIN))
 
 
 @dataclass(frozen=True)
@@ -60,21 +60,27 @@ class ChangeRivals:
 def find_change_rivals(
     problem: Problem, found: FoundChanges, units: Units, settings: ComparisonSettings
 ) -> ChangeRivals:
-    """Each change in turn is taken out, and what explains the difference instead is fitted in its place."""
+    """Each change in turn is taken out, and what explains the difference instead is fitted in its place.
+
+    Changes that explain next to nothing stay aside meanwhile: free beside a rival, such a change would take a size that
+    nothing else supports, and with it the rival would explain what another change does.
+    """
     groups: list[ConfoundedGroup] = []
     places: dict[Term, dict[Term, float]] = {}
     parts: dict[Term, float] = {}
     together = max(found.account.cost - found.fit.cost, 1e-12)
+    share = {c.term: (_rest_of(problem, found, c, settings).cost - found.fit.cost) / together for c in found.changes}
     for change in found.changes:
-        start = without_change(found.fit.values, change.term)
-        rest = fit_all(problem, [start], near=[found.fit], fresh=[frozenset[Knob]()], settings=settings.results.fit)[0]
-        fits = _in_place_of(problem, found.fit, change.term, rest, units, settings)
+        aside = [c for c in found.changes if c.term != change.term and share.get(c.term, 1.0) < settings.faint]
+        main = _without(problem, found, aside, settings)
+        rest = _rest_of(problem, main, change, settings)
+        fits = _in_place_of(problem, main.fit, change.term, rest, units, settings)
         beyond = {change.term: 0.0} | {
             term: float(likelihood_ratios(problem, pair, units, found.phi, settings.contrast)[0, 1])
             for term, pair in fits.items()
         }
         ratios = {term: ratio - min(beyond.values()) for term, ratio in beyond.items()}
-        alone = _alone_as_good(problem, found, change, fits, ratios, units, settings)
+        alone = _alone_as_good(problem, main, change, fits, ratios, units, settings)
         if alone is not None:
             return find_change_rivals(problem, alone, units, settings)
         leading = next(term for term, ratio in ratios.items() if ratio == 0.0)
@@ -86,10 +92,30 @@ def find_change_rivals(
         if len(alike) > 1:
             groups.append(tuple((term,) for term in alike))
         first = next(term for term in alike if ratios[term] < settings.search.equal)
-        places[first], parts[first] = shares, (rest.cost - found.fit.cost) / together
+        places[first], parts[first] = shares, share[change.term]
         if first != change.term:
             found = _replaced(problem, found, change, fits[first][1], settings)
+            if len(found.changes) < len(share):  # it was there already
+                return find_change_rivals(problem, found, units, settings)
     return ChangeRivals(found, tuple(groups), places, parts)
+
+
+def _rest_of(problem: Problem, found: FoundChanges, change: FoundChange, settings: ComparisonSettings) -> Fit:
+    """The fit without one of the changes."""
+    return _without(problem, found, [change], settings).fit
+
+
+def _without(
+    problem: Problem, found: FoundChanges, aside: Sequence[FoundChange], settings: ComparisonSettings
+) -> FoundChanges:
+    """Without some of the changes, fitted again."""
+    if not aside:
+        return found
+    values = found.fit.values
+    for change in aside:
+        values = without_change(values, change.term)
+    fit = fit_all(problem, [values], near=[found.fit], fresh=[frozenset[Knob]()], settings=settings.results.fit)[0]
+    return replace(found, fit=fit, changes=tuple(c for c in found.changes if c not in aside))
 
 
 def _alone_as_good(
@@ -126,7 +152,7 @@ def _hardly_told(problem: Problem, one: Term, other: Term, ratio: float, setting
     Twins do the same, so no ratio tells them apart."""
     if problem.space.are_twins(one, other):
         return True
-    yielding = one.target == other.target and {one.effect, other.effect} == YIELDING
+    yielding = one.target == other.target and {one.effect, other.effect} in YIELDING
     return (yielding or imitate(one, other)) and ratio < settings.search.hardly
 
 
@@ -196,9 +222,12 @@ def _errors_of(fits: Sequence[Fit]) -> list[Knob]:
 def _replaced(
     problem: Problem, found: FoundChanges, change: FoundChange, by: Explanation, settings: ComparisonSettings
 ) -> FoundChanges:
-    """The changes with another one in place of one of them."""
-    (fit,) = fit_all(problem, [_without_foreign_errors(found, by)], near=[by.fit], settings=settings.results.fit)
-    changes = tuple(replace(c, term=by.term) if c.term == change.term else c for c in found.changes)
+    """The changes with another one in place of one of them, which may be among them already."""
+    kept = {k: v for k, v in found.fit.values.items() if k.changed and k.term != change.term}
+    start = {**kept, **_without_foreign_errors(found, by)}
+    (fit,) = fit_all(problem, [start], near=[by.fit], settings=settings.results.fit)
+    left = (c for c in found.changes if c.term != by.term)
+    changes = tuple(replace(c, term=by.term) if c.term == change.term else c for c in left)
     return replace(found, fit=fit, changes=changes)
 
 

@@ -160,6 +160,25 @@ ACTUATOR_GAIN = Effect(
     nouns={"gain": Noun("actuator gain", "factor", targeted="gain")},
 )
 
+POSITION_GAIN = Effect(
+    name="position_gain",
+    stage="actuator",
+    port="model",
+    target="actuator",
+    parameters=(
+        Parameter(
+            "gain", "1", 1.0, 0.02, 10.0, (0.25, 0.6, 0.85, 1.2, 2.0), tolerance=0.01, quantity="servo stiffness"
+        ),
+    ),
+    summary="a position servo's proportional gain is a multiple of the model's, with the same damping and limit",
+    site="position gain",
+    steady=True,
+    lacking="no actuator is a position servo with damping of its own, whose gain could change without it",
+    imitates=frozenset({"position", "load"}),
+    phrase=Phrase("the position gain of {who} is {gain} of the modelled one, and its damping is not", shares=("gain",)),
+    nouns={"gain": Noun("position gain", "factor", targeted="position gain")},
+)
+
 SATURATION = Effect(
     name="saturation",
     stage="actuator",
@@ -305,5 +324,5 @@ SERVO_INTEGRAL = Effect(
 
 EFFECTS = (
     ACTUATOR_LAG, ACTUATOR_GAIN, SATURATION, VOLTAGE_SAG, BACKLASH, TORQUE_SPEED_LIMIT, RATE_LIMIT,
-    SERVO_INTEGRAL,
+    SERVO_INTEGRAL, POSITION_GAIN,
 )  # fmt: skip

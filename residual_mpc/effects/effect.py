@@ -25,6 +25,7 @@ Site = Literal[
     "limit",  # a limit of the actuator's output
     "speed limit",  # a limit of the actuator's output that depends on its speed
     "servo",  # how a position servo turns its error into a force
+    "position gain",  # how stiffly a position servo with damping of its own holds its setpoint
     "output",  # any other change of the actuator's output
     "pair",  # the speeds of two wheels together
     "pair command",  # their commands together, as a base controller passes them on
@@ -67,6 +68,7 @@ Quantity = Literal[
     "tool mass", "link mass",  # kg
     "tool x", "tool y", "tool z",  # m, where that mass is, from the payload site along its axes
     "link centre", "link length",  # m
+    "servo stiffness",  # a factor
     "gear stiffness",  # N m/rad
     "gear damping",  # of critical
     "gear play",  # rad

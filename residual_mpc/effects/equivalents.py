@@ -7,6 +7,7 @@ from residual_mpc.effects.actuator import (
     ACTUATOR_GAIN,
     ACTUATOR_LAG,
     BACKLASH,
+    POSITION_GAIN,
     RATE_LIMIT,
     SATURATION,
     SERVO_INTEGRAL,
@@ -123,7 +124,10 @@ SEPARATIONS: tuple[Separation, ...] = (
     Separation(TORQUE_SPEED_LIMIT, SATURATION, "", "send large steps from rest and in fast motion"),
     Separation(RATE_LIMIT, ACTUATOR_LAG, "", "send small and large steps"),
     Separation(RATE_LIMIT, TORQUE_SPEED_LIMIT, "", "send large steps with and without a payload"),
+    Separation(POSITION_GAIN, ACTUATOR_GAIN, "", "send fast chirps, in which the servo's damping shows"),
+    Separation(POSITION_GAIN, VISCOUS, "", "hold the joint at several heights, and send fast chirps"),
     Separation(SERVO_INTEGRAL, ACTUATOR_GAIN, "", HOLD),
+    Separation(SERVO_INTEGRAL, POSITION_GAIN, "", HOLD),
     Separation(SERVO_INTEGRAL, TORQUE_OFFSET, "", HOLD),
     Separation(SERVO_INTEGRAL, PAYLOAD, "", HOLD),
     Separation(SERVO_INTEGRAL, COULOMB, "", HOLD),
@@ -176,9 +180,10 @@ TWINS: tuple[Twins, ...] = (
 
 # Pairs that data can part, but whose one member removes more than three quarters of what the other does on the
 # benchmark's motions, so that a library without the cause is rightly content with it. The pairs with a low-passed
-# reading, gear efficiency, a constant torque or a torque-speed limit are assumed, not measured. Measured: steps .97 and
-# rich .77 for lag and delay; steps .97 for the frictions.
+# reading, gear efficiency, a constant torque, a torque-speed limit or a position gain are assumed, not measured.
+# Measured: steps .97 and rich .77 for lag and delay; steps .97 for the frictions.
 SUBSTITUTES: tuple[tuple[Effect, Effect], ...] = (
+    (ACTUATOR_GAIN, POSITION_GAIN),
     (ACTUATOR_LAG, COMMAND_DELAY),
     (ACTUATOR_LAG, SENSOR_DELAY),
     (ACTUATOR_LAG, SENSOR_LAG),

@@ -57,7 +57,9 @@ for _effect in CHAINED:
         if _parameter.quantity is not None:
             _CHANGED.setdefault(_parameter.quantity, []).append((_effect.name, _parameter.name))
 
-FACTORS: frozenset[Quantity] = frozenset({"wheel radius", "right wheel radius", "track width", "reading scale"})
+FACTORS: frozenset[Quantity] = frozenset(
+    {"wheel radius", "right wheel radius", "track width", "servo stiffness", "reading scale"}
+)
 
 
 def slots_of(effect: str, sites: Sites) -> tuple[str, ...]:

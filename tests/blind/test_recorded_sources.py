@@ -15,7 +15,7 @@ SHARED = {"sensor_bias", "sensor_outliers", "sensor_delay", "clock_skew"}
 ARM = SHARED | {"command_delay", "actuator_gain", "coulomb_friction", "viscous_friction", "payload", "link_mass",
                 "armature", "sensor_scale"}  # fmt: skip
 CARRIED = {
-    "xl330": ARM | {"servo_stiffness"},
+    "xl330": ARM | {"position_gain"},
     "pendulum/a": ARM | {"link_length"},
     "husky_terrain": SHARED | {"wheel_radius", "wheel_radius_mismatch", "track_width"},
 }

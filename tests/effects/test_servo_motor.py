@@ -83,6 +83,21 @@ def test_a_gain_is_another_supply_where_the_joint_stands() -> None:
     assert not np.allclose(swing(factor=0.82), swing(voltage=reading.value), atol=1e-3)
 
 
+@pytest.mark.parametrize("gain", [0.8, 1.2])
+def test_a_position_gain_is_exactly_another_supply(gain: float) -> None:
+    """The duty cycle times the supply is the gain; the back-EMF, which damps, stays."""
+    found = read(effect("position_gain", gain=(gain, gain, gain)))
+    assert found.keys() == {"supply_voltage", "stiffness"} and MOTOR.stiffness is not None
+    q = w = 0.0
+    modelled = []
+    for _ in range(round(0.6 / DT)):
+        w += DT * (gain * MOTOR.stiffness * (0.3 - q) - MOTOR.damping * w) / INERTIA
+        q += DT * w
+        modelled.append((q, w))
+    assert np.allclose(modelled, swing(voltage=found["supply_voltage"].value), atol=1e-9)
+    assert found["stiffness"].value == pytest.approx(gain * MOTOR.stiffness)
+
+
 def test_a_line_of_torque_over_speed_is_read_back_as_the_constants() -> None:
     other = Motor(6.0, 5.0, KT)
     line = {"stall_torque": (other.stall_torque,) * 3, "no_load_speed": (other.no_load_speed,) * 3}

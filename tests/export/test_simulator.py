@@ -45,7 +45,7 @@ BESIDE = {
     "torque_offset": {"torque": 0.2}, "end_stop": {"position": 0.15}, "base_tilt": {"roll": 0.05, "pitch": -0.1},
     "torque_ripple": {"amplitude": 0.3, "cycles": 9.0, "phase": 0.5}, "gravity_compensation": {"share": 0.8},
 }  # fmt: skip
-INTEGRAL = {"servo_integral": {"gain": 3.0}}
+SERVOS_ALONE = {"servo_integral": {"gain": 3.0}, "position_gain": {"gain": 1.3}}
 
 
 def written(folder: Path, effects: dict[str, dict[str, float]], actuators: str = SERVOS) -> Path:
@@ -124,7 +124,7 @@ def test_a_future_that_was_tried_leaves_no_trace(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("beside", [{}, {**CHANGING, **GEARED}], ids=["alone", "geared and changing"])
 def test_integral_parts_are_stepped_saved_and_begun_again(tmp_path: Path, beside: dict) -> None:
-    effects = {**INTEGRAL, **beside}
+    effects = {**SERVOS_ALONE, **beside}
     test_stepping_is_the_replay_of_the_diagnosis(tmp_path, effects, SERVOS)
     path = written(tmp_path, effects)
     both, fresh = corrected_simulator(path, rows=2), corrected_simulator(path, rows=1)

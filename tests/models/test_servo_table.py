@@ -119,6 +119,18 @@ def test_a_friction_below_zero_comes_off_the_servos_damping(tmp_path: Path) -> N
     assert (value(kept, "damping").value, value(kept, "damping").effects) == (1.5, ())
 
 
+def test_a_position_gain_is_a_stiffness_without_damping(tmp_path: Path) -> None:
+    """Beside a gain of the whole servo, both scale the stiffness, and the gain alone the damping."""
+    stiffer = entry("position_gain", "s1", 0.7, gain=(1.5, 1.4, 1.6))
+    row = rows(tmp_path, [stiffer])["s1"]
+    assert (value(row, "stiffness").value, value(row, "stiffness").probability) == (pytest.approx(45.0), 0.7)
+    assert (value(row, "damping").value, value(row, "damping").effects) == (1.5, ())
+    both = rows(tmp_path, [stiffer, entry("actuator_gain", "s1", gain=(0.8, 0.75, 0.85))])["s1"]
+    assert value(both, "stiffness").value == pytest.approx(36.0) and value(both, "damping").value == pytest.approx(1.2)
+    (advice,) = advice_on("position_gain", {"gain": 1.25}, 30.0, 32.0)
+    assert advice.numbers["wanted"] == (pytest.approx(25.6), "1")
+
+
 def test_what_the_runs_do_not_show_is_said(tmp_path: Path) -> None:
     found = rows(
         tmp_path, [], candidates=[{"effect": "armature", "target": None, "probability": 0.04}],

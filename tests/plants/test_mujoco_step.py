@@ -177,6 +177,8 @@ EFFECTS = [
     {("rate_limit", "elbow", "rate"): 0.5},
     {("torque_ripple", "elbow", k): v for k, v in {"amplitude": 8.0, "cycles": 7.5, "phase": 0.3}.items()},
     {("servo_integral", "shoulder_lift", "gain"): 3.0},
+    {("position_gain", "shoulder_lift", "gain"): 0.6},
+    {("position_gain", None, "gain"): 1.5, ("actuator_gain", "elbow", "gain"): 0.8},
     {("gear_efficiency", "shoulder_lift", "forward"): 0.7, ("gear_efficiency", "shoulder_lift", "backward"): 0.8},
 ]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from plants.blind_families.arm.effects import ArmRobot, Draw, Place, every_joint, one_joint
 from plants.blind_families.planting import Planting, Plantings, by_name
-from residual_mpc.effects.actuator import RATE_LIMIT, SERVO_INTEGRAL, TORQUE_SPEED_LIMIT
+from residual_mpc.effects.actuator import POSITION_GAIN, RATE_LIMIT, SERVO_INTEGRAL, TORQUE_SPEED_LIMIT
 from residual_mpc.effects.body import GEAR_EFFICIENCY, PAYLOAD
 from residual_mpc.effects.sensor import SENSOR_LAG, SENSOR_SCALE
 from residual_mpc.effects.surroundings import BASE_TILT, END_STOP, JOINT_SPRING, TORQUE_OFFSET, TORQUE_RIPPLE
@@ -45,6 +45,11 @@ def _line(robot: ArmRobot, draw: Draw, s: float) -> Made:
 def _integral(robot: ArmRobot, draw: Draw, s: float) -> Made:
     gain = 8.0 * s
     return _at_one(robot, draw, integral=(0.0, gain)), {"gain": gain}
+
+
+def _stiffness(robot: ArmRobot, draw: Draw, s: float) -> Made:
+    gain = 1.0 + (1.5 if draw.sign > 0 else -0.8) * s
+    return _at_one(robot, draw, stiffer=(1.0, gain)), {"gain": gain}
 
 
 def _gear(robot: ArmRobot, draw: Draw, s: float) -> Made:
@@ -134,4 +139,5 @@ SERVO_PLANTINGS: Plantings[ArmRobot, Draw, Place] = by_name(
     Planting(PAYLOAD, _long_tool, every_joint, typical=0.1),
     Planting(SENSOR_SCALE, _scale, one_joint, typical=0.2),
     Planting(SENSOR_LAG, _slow_sensor, every_joint, typical=0.2),
+    Planting(POSITION_GAIN, _stiffness, one_joint, typical=0.2, needs=(POSITION_SERVOS,)),
 )

@@ -16,6 +16,7 @@ _SHARP = 12  # order of the norm that joins a motor's torque to its limit
 _TURNS = 0.05  # of a joint's usual power: where driving and being driven meet
 _DAMPED = 0.8  # s/m, of a stop: Hunt and Crossley 1975, equation 7, with an exponent of 1.5
 _FLAT = 1.5  # by which a ripple's waves are flattened: tanh of so many times a sine
+_COUNT = 2.0 * np.pi / 4096.0  # rad, in which a servo's firmware counts its position error
 _DEEP = 0.01  # rad, to which a stop gives at the torque that is stated for it
 
 
@@ -26,7 +27,7 @@ class Surroundings:
     ramp: command unit/s. integral: 1/s. stall: N m, no_load: rad/s. forward, backward: 1, and power: W, usual at each
     joint. spring: N m/rad, rest: rad. offset: N m. ripple: N m, of the first harmonic, cycles: 1/turn, phase: rad.
     stop: rad, side: 1 where it holds from above and -1 from below, hard: N m, the stop's push at a depth of _DEEP.
-    tilt: rad about x, then about the ground's y axis.
+    tilt: rad about x, then about the ground's y axis. stiffer: 1, of a servo's position gain.
     """
 
     ramp: Array | float = np.inf
@@ -46,6 +47,7 @@ class Surroundings:
     side: float = 1.0
     hard: Array | float = 1.0
     tilt: tuple[float, float] = (0.0, 0.0)
+    stiffer: Array | float = 1.0
 
     @property
     def loses(self) -> bool:
@@ -60,6 +62,14 @@ class Surroundings:
         reach = np.minimum(self.ramp, 1e9)
         follows = before + dt * reach * np.tanh(away / (reach * _SETTLES))
         return np.asarray(np.where(np.isfinite(self.ramp), follows, u))
+
+    def answered(self, error: Array) -> Array:
+        """The position error (s, n) rad that the modelled gain would have to answer to give what the servo does, whose
+        firmware counts the error in whole steps."""
+        if not np.any(np.not_equal(self.stiffer, 1.0)):
+            return error
+        counted = _COUNT * np.round(error / _COUNT)
+        return np.asarray(np.where(np.equal(self.stiffer, 1.0), error, self.stiffer * counted))
 
     def summed(self, before: Array, error: Array, free: NDArray[np.bool_], on: Array, dt: float) -> Array:
         """Setpoints (s, n) rad that the integral parts add after dt: they sum up where the force is free of its limit

@@ -298,7 +298,7 @@ class Stepper:
         error = u - q
         if self.p.dead_zone.any():
             error = np.where(np.abs(error) < self.p.dead_zone, 0.0, error)
-        return arm.kp * error - arm.kv * v
+        return arm.kp * self.p.beside.answered(error) - arm.kv * v
 
     def _friction(self, v: Array, torque: Array) -> Array:
         p = self.p

@@ -43,6 +43,9 @@ def edit_batch(batch: Any, robot: CompiledRobot, settings: Settings) -> None:
         changed = True
     if damping is not None:
         edit_damping(batch, robot, effects, damping)
+    stiffness = changes(effects, "servo stiffness")
+    if stiffness is not None:
+        _scale_position_gains(batch, robot, stiffness)
     changed |= _edit_masses(batch, robot, effects)
     if changed:
         batch.set_const()
@@ -52,6 +55,13 @@ def edit_batch(batch: Any, robot: CompiledRobot, settings: Settings) -> None:
 def _add(field: np.ndarray, dofs: np.ndarray, value: np.ndarray) -> None:
     """Add to columns of a field (B, nv), in place; what is taken from a retuned value leaves none below 0."""
     field[:, dofs] = np.where(value < 0, np.maximum(field[:, dofs] + value, 0.0), field[:, dofs] + value)
+
+
+def _scale_position_gains(batch: Any, robot: CompiledRobot, factor: np.ndarray) -> None:
+    """Multiply the proportional gains of position servos by factors (B, slots); a factor of 1 leaves every bit."""
+    servos = np.array([robot.actuators.index(a) for a in robot.sites["position gain"]])
+    batch.expand("actuator_gainprm")[:, servos, 0] *= factor
+    batch.expand("actuator_biasprm")[:, servos, 1] *= factor
 
 
 def _move_joints(batch: Any, lengths: Lengths, offset: np.ndarray) -> None:

@@ -213,6 +213,7 @@ class CompiledRobot:
         return {
             **dict.fromkeys(("command", "strength", "limit", "speed limit"), self.actuators),
             "servo": tuple(a for a, own in zip(self.actuators, self.servo.tolist(), strict=True) if own),
+            "position gain": self._damped_servos,
             **dict.fromkeys(("dry friction", "friction", "damping", "rotor"), self.joints),
             **dict.fromkeys(("elastic", "stop", "law", "law friction"), self._not_rolling),
             **dict.fromkeys(("play", "spring"), self.geared),
@@ -224,6 +225,12 @@ class CompiledRobot:
             "rolling": () if self.wheels is None else robot,
             **self._sensor_sites,
         }
+
+    @property
+    def _damped_servos(self) -> tuple[str, ...]:
+        """Position servos with damping of their own; of one without it the position gain is the actuator's gain."""
+        damped = self.servo & (self.model.actuator_biasprm[:, 2] < 0.0)
+        return tuple(a for a, own in zip(self.actuators, damped.tolist(), strict=True) if own)
 
     @property
     def _may_be_compensated(self) -> bool:

@@ -13,7 +13,7 @@ from residual_mpc.models.stepping import Number, finite
 
 HOSTED: tuple[Site, ...] = (
     "command", "strength", "limit", "speed limit", "damping", "dry friction", "friction", "elastic", "rotor", "tool",
-    "link", "length", "gravity", "compensation", "law", "law friction", "servo",
+    "link", "length", "gravity", "compensation", "law", "law friction", "servo", "position gain",
 )  # fmt: skip
 LEFT_OUT: Mapping[str, str] = {
     "spring": "this step has one inertia per joint and does not separate motor and link",

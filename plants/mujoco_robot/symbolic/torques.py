@@ -80,7 +80,7 @@ class JointTorques:
         name = self.robot.actuators[i]
         supply, law = self._strength(name, p, clock)
         low, high = self._range(i, name, supply, p, 0.0)
-        stiff = law * self.parameters.own(f"actuator.{name}.kp", p)
+        stiff = law * self._position_gain(i, p)
         return (None, None) if low is None else (low / stiff, high / stiff)
 
     def rotors(self, p: Sequence[Any]) -> list[Any]:
@@ -103,7 +103,7 @@ class JointTorques:
         """An actuator's force, and minus its derivatives with respect to the rate of its length and its length."""
         model, name = self.robot.model, self.robot.actuators[i]
         gear = float(model.actuator_gear[i, 0])
-        kp, kv = self.parameters.own(f"actuator.{name}.kp", p), self._velocity_gain(i, p)
+        kp, kv = self._position_gain(i, p), self._velocity_gain(i, p)
         constant, by_length = float(model.actuator_biasprm[i, 0]), float(model.actuator_biasprm[i, 1])
         spring = -by_length * kp / float(model.actuator_gainprm[i, 0]) if by_length else 0.0
         supply, law = self._strength(name, p, clock)
@@ -180,6 +180,13 @@ class JointTorques:
     def _friction(self, joint: str, p: Sequence[Any]) -> Array | None:
         """The viscous friction that is added to a joint; None without."""
         return changes(self.parameters.at(joint, p, "damping"), "viscous damping")
+
+    def _position_gain(self, i: int, p: Sequence[Any]) -> Any:
+        """An actuator's own, scaled where it is a position servo; of a motor the force per unit of its command."""
+        name = self.robot.actuators[i]
+        own = self.parameters.own(f"actuator.{name}.kp", p)
+        factor = changes(self.parameters.at(name, p, "position gain"), "servo stiffness")
+        return own if factor is None else own * factor
 
     def _velocity_gain(self, i: int, p: Sequence[Any]) -> Any:
         """An actuator's own, less what a negative friction takes from its servo."""

@@ -33,7 +33,7 @@ RATES = tuple(f"velocity.{m}" for m in MOTORS)  # rad/s, of the step: the networ
 TOOL = ("tool.x", "tool.y", "tool.z")  # m
 TASK = ("task.x", "task.y", "task.z")  # m/s, what a correction adds to the tool's velocity
 TURN = ("turn.x", "turn.y", "turn.z")  # the gripper against home: sine of the angle times its axis
-ON_MOTORS: tuple[Site, ...] = ("command", "strength", "damping", "dry friction", "friction")
+ON_MOTORS: tuple[Site, ...] = ("command", "strength", "position gain", "damping", "dry friction", "friction")
 WEIGHS: tuple[Site, ...] = ("tool", "link")
 NO_GEAR = "this step does not model the motor side of a gear separately"
 LEFT_OUT: Mapping[str, str] = {
@@ -154,6 +154,8 @@ class ArmStep:
         effects = {e: self._values(e, m, p) for e in self.effects}
         damping = changes(effects, "viscous damping")
         b = b if damping is None else b + damping
+        stiffness = changes(effects, "servo stiffness")
+        kp = kp if stiffness is None else kp * stiffness
         clock = now["clock"] + 0.5 * self.dt if "clock" in now else 0.0
         for one in present(effects, "strength"):
             scale = scaled(ops, [one], 1.0, clock, self.dt)

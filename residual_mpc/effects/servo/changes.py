@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from residual_mpc.effects.actuator import (
     ACTUATOR_GAIN,
     ACTUATOR_LAG,
+    POSITION_GAIN,
     RATE_LIMIT,
     SATURATION,
     SERVO_INTEGRAL,
@@ -76,6 +77,7 @@ def _offset(p: Numbers, stiffness: float, p_gain: float | None) -> tuple[Advice,
 
 ADVICE: Mapping[str, Callable[[Numbers, float, float | None], tuple[Advice, ...]]] = {
     ACTUATOR_GAIN.name: _gain,
+    POSITION_GAIN.name: _gain,
     VOLTAGE_SAG.name: _fixed(
         "supply voltage", "",
         "a supply that holds its voltage (a charged battery, thicker or shorter leads) avoids the loss during a run.",

@@ -7,6 +7,7 @@ from residual_mpc.effects.actuator import (
     ACTUATOR_GAIN,
     ACTUATOR_LAG,
     BACKLASH,
+    POSITION_GAIN,
     RATE_LIMIT,
     SATURATION,
     SERVO_INTEGRAL,
@@ -66,8 +67,9 @@ class ServoNumber:
 
 
 NUMBERS: tuple[ServoNumber, ...] = (
-    ServoNumber("stiffness", "stiffness", "N m/rad", "stiffness", 0.0, (Source(ACTUATOR_GAIN, "gain", "times"),),
-                ("position",), "stiffness"),
+    ServoNumber("stiffness", "stiffness", "N m/rad", "stiffness", 0.0,
+                (Source(ACTUATOR_GAIN, "gain", "times"), Source(POSITION_GAIN, "gain", "times")), ("position",),
+                "stiffness"),
     ServoNumber("damping", "servo damping", "N m s/rad", "damping", 0.0, (Source(ACTUATOR_GAIN, "gain", "times"),),
                 ("position", "velocity"), "damping"),
     ServoNumber("gain", "gain", "1", "", 1.0, (Source(ACTUATOR_GAIN, "gain", "times"),), ("torque",)),

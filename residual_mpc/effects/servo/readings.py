@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from residual_mpc.effects.actuator import ACTUATOR_GAIN, SATURATION, TORQUE_SPEED_LIMIT, VOLTAGE_SAG
+from residual_mpc.effects.actuator import ACTUATOR_GAIN, POSITION_GAIN, SATURATION, TORQUE_SPEED_LIMIT, VOLTAGE_SAG
 from residual_mpc.effects.body import VISCOUS
 from residual_mpc.effects.servo.motor import Across, Motor, mapped
 
@@ -74,22 +74,42 @@ def readings_of(effect: Mapping[str, Any], driven: Sequence[Driven]) -> tuple[Re
     return tuple(replace(reading, actuators=tuple(actuators)) for reading, actuators in shared.items())
 
 
-def _gain(p: Mapping[str, Across], d: Driven) -> list[Reading]:
+def _whole_gain(p: Mapping[str, Across], d: Driven) -> list[Reading]:
     """Times g is a supply of g V, or a resistance of R / g (which scales the back-EMF's damping as well). Where the
     firmware's law is known, the stiffness is compared with what the constants give, and not with the model's."""
-    m, stiffness = d.motor, mapped(lambda g: g * d.stiffness, p["gain"])
-    share = p["gain"]
-    if m.stiffness is not None and d.stiffness > 0.0:
-        by_constants = m.stiffness
-        share = mapped(lambda k: k / by_constants, stiffness)
-    out = []
-    if SUPPLY[0] <= share[0] <= SUPPLY[1]:
-        out.append(_reading(d, "supply_voltage", mapped(lambda g: g * m.voltage, share), "V", m.voltage))
+    m, share = d.motor, _share_of_constants(p, d)
+    out = _supply(share, d)
     if RESISTANCE[0] <= 1.0 / max(share[0], 1e-9) <= RESISTANCE[1] and _positive(share):
         out.append(_reading(d, "resistance", mapped(lambda g: m.resistance / g, share), "ohm", m.resistance))
-    if d.stiffness > 0.0:
-        out.append(_reading(d, "stiffness", stiffness, "N m/rad", d.stiffness, m.p_gain, m.stiffness))
-    return out
+    return out + _stiffness(p, d)
+
+
+def _position_gain(p: Mapping[str, Across], d: Driven) -> list[Reading]:
+    """Times g is a supply of g V: the back-EMF, which damps, stays. See `_whole_gain`."""
+    return _supply(_share_of_constants(p, d), d) + _stiffness(p, d)
+
+
+def _share_of_constants(p: Mapping[str, Across], d: Driven) -> Across:
+    """The gain, relative to what the motor's constants give where these say it, else to the model."""
+    if d.motor.stiffness is None or d.stiffness <= 0.0:
+        return p["gain"]
+    by_constants = d.motor.stiffness
+    return mapped(lambda g: g * d.stiffness / by_constants, p["gain"])
+
+
+def _supply(share: Across, d: Driven) -> list[Reading]:
+    volts = d.motor.voltage
+    if not SUPPLY[0] <= share[0] <= SUPPLY[1]:
+        return []
+    return [_reading(d, "supply_voltage", mapped(lambda g: g * volts, share), "V", volts)]
+
+
+def _stiffness(p: Mapping[str, Across], d: Driven) -> list[Reading]:
+    m = d.motor
+    if d.stiffness <= 0.0:
+        return []
+    stiffness = mapped(lambda g: g * d.stiffness, p["gain"])
+    return [_reading(d, "stiffness", stiffness, "N m/rad", d.stiffness, m.p_gain, m.stiffness)]
 
 
 def _sag(p: Mapping[str, Across], d: Driven) -> list[Reading]:
@@ -128,7 +148,8 @@ def _viscous(p: Mapping[str, Across], d: Driven) -> list[Reading]:
 
 Law = Callable[[Mapping[str, Across], Driven], list[Reading]]
 LAWS: Mapping[str, Law] = {
-    ACTUATOR_GAIN.name: _gain,
+    ACTUATOR_GAIN.name: _whole_gain,
+    POSITION_GAIN.name: _position_gain,
     VOLTAGE_SAG.name: _sag,
     TORQUE_SPEED_LIMIT.name: _line,
     SATURATION.name: _saturation,

@@ -72,8 +72,8 @@ def assert_same(robot: MujocoRobot, drive: Drive, settings: Settings, within: fl
 @pytest.mark.parametrize("actuators", [SERVOS, TORQUES], ids=["servos", "torques"])
 def test_an_effect_is_what_it_is_in_mujoco(tmp_path: Path, actuators: str, effect: Effect) -> None:
     robot = arm(tmp_path, actuators)
-    if not robot.slots(effect.name):  # an integral part has no place beside torques
-        assert (effect.place, actuators) == ("servo", TORQUES)
+    if not robot.slots(effect.name):  # what servos alone have
+        assert effect.place in ("servo", "position gain") and actuators == TORQUES
         return
     rng = np.random.default_rng(3)
     drive = replace(random_drive(robot, ROWS, STEPS), clock=rng.uniform(0.0, 20.0, ROWS))
@@ -88,7 +88,7 @@ def test_all_that_changes_between_steps_together(tmp_path: Path, feedback: str, 
     rng = np.random.default_rng(4)
     names = ("voltage_sag", "torque_speed_limit", "saturation", "dead_zone", "stribeck_friction", "gear_efficiency",
              "load_dependent_friction", "servo_integral", "torque_ripple", "actuator_gain", "joint_compliance",
-             "command_delay", "payload", "end_stop")  # fmt: skip
+             "command_delay", "payload", "end_stop", "position_gain")  # fmt: skip
     found = {e.name: numbers(robot, e, rng) for e in HERE if e.name in names and robot.slots(e.name)}
     drive = random_drive(robot, ROWS, STEPS)
     on = np.repeat(rng.uniform(0.0, 1.0, (ROWS, STEPS // 30, 2)) > 0.3, 30, axis=1).astype(float)

@@ -12,10 +12,9 @@ from residual_mpc.blind.recorded.half import Half
 from residual_mpc.blind.recorded.kinds.body import models_of
 from residual_mpc.blind.recorded.kinds.kind import Kind, Sizes, Target, between, factor, refuse, signed
 from residual_mpc.blind.recorded.mjcf import Mjcf, parse, vector_text
-from residual_mpc.effects.actuator import ACTUATOR_GAIN
+from residual_mpc.effects.actuator import ACTUATOR_GAIN, POSITION_GAIN
 from residual_mpc.effects.body import ARMATURE, COULOMB, VISCOUS
 
-SERVO_STIFFNESS = "servo_stiffness"
 # by kind of actuator, the attributes that its force is proportional to, with their defaults and the power of the gain
 # that they are multiplied by; a motor's limit lies before its gear, which is the only factor that it has
 GAIN_OF = {
@@ -133,15 +132,15 @@ def _weaken(model: Mjcf, element: ET.Element, attributes: tuple[tuple[str, str, 
 
 
 def _stiffness_targets(half: Half) -> tuple[Target, ...]:
-    models = models_of(half, SERVO_STIFFNESS)
+    models = models_of(half, POSITION_GAIN.name)
     found = []
-    for name, elements in _driven(half, SERVO_STIFFNESS):
+    for name, elements in _driven(half, POSITION_GAIN.name):
         servo = all(e.tag == "position" for e in elements)
         # without damping the servo's own, a stiffness is the whole gain
         if servo and all(m.number(e, "kv", 0.0) > 0 for m, e in zip(models, elements, strict=True)):
             found.append(name)
     if not found:
-        raise refuse(SERVO_STIFFNESS, "no commanded actuator is a position servo with damping of its own")
+        raise refuse(POSITION_GAIN.name, "no commanded actuator is a position servo with damping of its own")
     return tuple(found)
 
 
@@ -177,7 +176,7 @@ FORCE = Kind(
     "gain", _gain_targets, _gain, _change_gain, factor=True,
 )  # fmt: skip
 STIFFNESS = Kind(
-    SERVO_STIFFNESS, "model",
+    POSITION_GAIN.name, "model",
     "The servo's position gain alone is divided by the ratio in the model; its damping and its limit stay.",
     "gain", _stiffness_targets, _gain, _change_stiffness, factor=True,
 )  # fmt: skip
