@@ -2,8 +2,8 @@
 
 from residual_mpc.effects.effect import Parameter
 
-# A model gives a joint one damping. All of it acts on the motor unless this moves a share to the link. A share above 1
-# would be further viscous friction, which is an effect of its own.
+# A model gives a joint one damping and one dry friction. All of it acts on the motor unless this moves a share to the
+# link. A share above 1 would be further friction, which is an effect of its own.
 DAMPING_BEHIND = Parameter(
     "damping_behind",
     "1",

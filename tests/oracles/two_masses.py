@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 GRAVITY = 9.81  # m/s^2
+SLOW = 0.002  # rad/s, from which on dry friction is there in full
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,8 @@ class Gear:
     sensor: str = "link"
     rotor: float = 0.01
     friction: float = 0.05  # N m s/rad, of the rotor
-    behind: float = 0.0  # share of the friction that acts on the link instead
+    dry: float = 0.0  # N m, of the rotor, in full from a few mrad/s on
+    behind: float = 0.0  # share of both frictions that acts on the link instead
     inertia: float = 0.02  # of the link about its centre
     mass: float = 0.5
     length: float = 0.2
@@ -41,7 +43,8 @@ class Gear:
   <option timestep="%s" integrator="%s"/>
   <worldbody>
     <body name="arm">
-      <joint name="shoulder" axis="0 1 0" armature="{self.rotor}" damping="{self.friction}"/>
+      <joint name="shoulder" axis="0 1 0" armature="{self.rotor}" damping="{self.friction}"
+        frictionloss="{self.dry}"/>
       <inertial pos="0 0 -{self.length}" mass="{self.mass}" diaginertia="{self.inertia} {self.inertia} 0.001"/>
     </body>
   </worldbody>
@@ -82,10 +85,10 @@ class Gear:
         through = self.stiffness * wound + self.damping * (w_motor - w_link) * (wound != 0.0 or not self.play)
         seen, rate = (motor, w_motor) if self.feedback == "motor" else (link, w_link)
         servo = self.kp * (command - seen) - self.kv * rate
+        drag = [self.friction * w + self.dry * np.tanh(w / SLOW) for w in (w_motor, w_link)]
         return [
             w_motor,
             w_link,
-            (servo - (1.0 - self.behind) * self.friction * w_motor - through) / self.rotor,
-            (through - self._weight(link) - self.behind * self.friction * w_link)
-            / (self.inertia + self.mass * self.length**2),
+            (servo - (1.0 - self.behind) * drag[0] - through) / self.rotor,
+            (through - self._weight(link) - self.behind * drag[1]) / (self.inertia + self.mass * self.length**2),
         ]

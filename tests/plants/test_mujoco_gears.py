@@ -102,6 +102,16 @@ def test_damping_may_act_behind_the_play(tmp_path: Path) -> None:
     assert np.sqrt(np.mean((on_the_motor - truth) ** 2)) > 2.0 * np.sqrt(np.mean((came - truth) ** 2))
 
 
+def test_dry_friction_may_act_behind_the_play(tmp_path: Path) -> None:
+    """A link that its own bearing holds stays where it is while the motor crosses the play."""
+    gear = Gear(4000.0, 4.0, play=0.08, dry=0.3, behind=1.0, mass=0.05)
+    gap: Hypothesis = {("backlash", None, "gap"): 0.08}
+    truth, came, _ = swing(gear, tmp_path, {**gap, ("backlash", None, "damping_behind"): 1.0})
+    _, on_the_motor, _ = swing(gear, tmp_path, gap)
+    error, other = (np.sqrt(np.mean((x - truth) ** 2)) for x in (came, on_the_motor))
+    assert error < 0.006 and other > 3.0 * error
+
+
 def test_damping_may_act_behind_the_spring(tmp_path: Path) -> None:
     """A link that its own bearing slows winds up the spring."""
     gear = replace(spring(), friction=0.4, behind=1.0)

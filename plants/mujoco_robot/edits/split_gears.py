@@ -1,8 +1,8 @@
 """Joints whose motor and link are told apart: a spring or play between the two, as a joint more in the same body.
 
 The user's joint becomes the motor's side of the gear, seen at the link's scale: it keeps the actuator, the armature and
-the frictions, of which the damping may act on the link instead. A second joint about the same axis, behind it, is how
-far the link is ahead of the motor; the link's angle is the sum of both. Since both sit in one body, the equations are
+the friction, a share of which may act on the link instead. A second joint about the same axis, behind it, is how far
+the link is ahead of the motor; the link's angle is the sum of both. Since both sit in one body, the equations are
 those of two inertias, whatever hangs on the link: M = [[rotor + link, link], [link, link]]. A joint's own range holds
 the link.
 """
@@ -124,6 +124,7 @@ def _bare(model: "mujoco.MjModel", gears: Gears, tendons: int) -> None:
         getattr(model, field)[gears.numbers] = 0.0
     for field in ("tendon_stiffness", "tendon_damping", "tendon_frictionloss", "tendon_armature"):
         getattr(model, field)[tendons:] = 0.0
+    model.tendon_solimp_fri[gears.links] = STOP_SOLIMP  # which sticks, as added friction does
     model.jnt_actfrclimited[gears.numbers] = 0
     model.jnt_limited[gears.numbers] = 1
     model.jnt_range[gears.numbers] = (-FAR, FAR)
@@ -152,9 +153,9 @@ def edit_gears(batch: Any, robot: CompiledRobot, settings: Settings) -> None:
     batch.expand("dof_damping")[:, gears.dofs] = np.where(firm, spring, SLOWED * reduced)
     reach = np.where(firm, FAR, 0.5 * gap)
     batch.expand("jnt_range")[:, gears.numbers] = np.stack([-reach, reach], axis=-1)
-    moved = changes(settings.effects, "damping behind the gear")
-    if moved is not None:
-        _move_damping(batch, robot, moved[:, _slots(robot)])
+    behind = shares_behind(robot, settings)
+    if behind is not None:
+        _move_friction(batch, robot, behind)
     tuned = any(name.endswith(".armature") for name in settings.tuned)
     if tuned or changes(settings.effects, "rotor inertia") is not None:
         motor = robot.dofs[gears.joints]
@@ -163,14 +164,22 @@ def edit_gears(batch: Any, robot: CompiledRobot, settings: Settings) -> None:
         batch.set_const()
 
 
-def _move_damping(batch: Any, robot: CompiledRobot, behind: np.ndarray) -> None:
-    """Move this multiple of the joints' damping, (B, g), to the links; the rest stays at the motors."""
-    gears, damping = robot.gears, batch.expand("dof_damping")
+def _move_friction(batch: Any, robot: CompiledRobot, behind: np.ndarray) -> None:
+    """Move this share of the joints' damping and dry friction, (B, g), to the links; the rest stays at the motors."""
+    gears = robot.gears
     assert gears is not None
     motor = robot.dofs[gears.joints]
-    whole = damping[:, motor].copy()
-    damping[:, motor] = whole * np.maximum(1.0 - behind, 0.0)
-    batch.expand("tendon_damping")[:, gears.links] = whole * behind
+    for kind in ("damping", "frictionloss"):
+        own, link = batch.expand(f"dof_{kind}"), batch.expand(f"tendon_{kind}")
+        whole = own[:, motor].copy()
+        own[:, motor] = whole * np.maximum(1.0 - behind, 0.0)
+        link[:, gears.links] = whole * behind
+
+
+def shares_behind(robot: CompiledRobot, settings: Settings) -> np.ndarray | None:
+    """(B, g) the share of the friction at a joint that acts on the link behind its gear; None without any."""
+    moved = None if robot.gears is None else changes(settings.effects, "damping behind the gear")
+    return None if moved is None else moved[:, _slots(robot)]
 
 
 def of_gears(robot: CompiledRobot, settings: Settings) -> tuple[np.ndarray, np.ndarray]:

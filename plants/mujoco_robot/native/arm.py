@@ -40,7 +40,7 @@ READ = frozenset((  # the fields that may differ from row to row
     "body_pos", "body_mass", "body_ipos", "body_iquat", "body_inertia", "opt.gravity", "dof_invweight0", "dof_solimp",
     "dof_solref", "dof_armature", "dof_damping", "dof_frictionloss", "jnt_stiffness", "qpos_spring", "jnt_limited",
     "jnt_range", "actuator_gainprm", "actuator_biasprm", "actuator_forcerange", "tendon_stiffness",
-    "tendon_damping", "tendon_lengthspring", "tendon_range", "tendon_invweight0",
+    "tendon_damping", "tendon_lengthspring", "tendon_range", "tendon_invweight0", "tendon_frictionloss",
 ))  # fmt: skip
 
 
@@ -57,8 +57,9 @@ def integrators() -> dict[int, Integrator]:
     return {int(known.mjINT_EULER): "Euler", int(known.mjINT_IMPLICITFAST): "implicitfast", int(known.mjINT_RK4): "RK4"}
 
 
-def chain_of(model: mujoco.MjModel, rubs: bool, stops: bool) -> Chain:
-    """rubs, stops: whether any row has dry friction or limits."""
+def chain_of(model: mujoco.MjModel, rubs: bool, stops: bool, rubbing: tuple[int, ...] = ()) -> Chain:
+    """rubs, stops: whether any row has dry friction or limits at its joints; rubbing: tendons that have dry friction in
+    any row."""
     import mujoco
 
     joints, _ = _links(model, partial(field_of, model))
@@ -87,7 +88,7 @@ def chain_of(model: mujoco.MjModel, rubs: bool, stops: bool) -> Chain:
         reach,
         rubs,
         tuple(_stop(model.jnt_margin[j], model.jnt_solimp[j]) if stops else None for j in range(model.njnt)),
-        tuple(_tendon(model, t) for t in range(model.ntendon)),
+        tuple(_tendon(model, t, t in rubbing) for t in range(model.ntendon)),
         tuple(_equality(model, i) for i in active_equalities(model).tolist()),
     )
 
@@ -117,11 +118,11 @@ def _stop(margin: float, solimp: np.ndarray) -> Stop:
     return Stop(float(margin), (low, high, width, middle, power))
 
 
-def _tendon(model: mujoco.MjModel, t: int) -> Tendon:
+def _tendon(model: mujoco.MjModel, t: int, rubs: bool) -> Tendon:
     wraps = slice(int(model.tendon_adr[t]), int(model.tendon_adr[t] + model.tendon_num[t]))
     dofs = model.jnt_dofadr[model.wrap_objid[wraps]].tolist()
     stop = _stop(model.tendon_margin[t], model.tendon_solimp_lim[t]) if model.tendon_limited[t] else None
-    return Tendon(tuple(zip(dofs, model.wrap_prm[wraps].tolist(), strict=True)), stop)
+    return Tendon(tuple(zip(dofs, model.wrap_prm[wraps].tolist(), strict=True)), stop, rubs)
 
 
 def _clipped(solimp: np.ndarray) -> np.ndarray:
@@ -148,6 +149,17 @@ def _reference(model: mujoco.MjModel, solref: np.ndarray, high: np.ndarray | flo
     return stiff, damp
 
 
+def _rubbing(
+    model: mujoco.MjModel, solimp: np.ndarray, solref: np.ndarray, weight: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """1/R of dry friction and B of its reference acceleration."""
+    solimp = _clipped(solimp)
+    low, high, width = solimp[..., 0], solimp[..., 1], solimp[..., 2]
+    imp = np.where((low == high) | (width <= MINIMUM), 0.5 * (low + high), low)
+    _, damp = _reference(model, solref, high)
+    return 1.0 / np.maximum(MINIMUM, (1.0 - imp) * weight / imp), damp
+
+
 def numbers_of(model: mujoco.MjModel, field: Field, applied: np.ndarray) -> np.ndarray:
     """(B, numbers) in the order of native.step; field: values of the rows, (B, ...) or (1, ...), of the fields in READ;
     applied (B, n) N m: torques beside the actuators'."""
@@ -163,11 +175,7 @@ def numbers_of(model: mujoco.MjModel, field: Field, applied: np.ndarray) -> np.n
         for k, (a, b) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
             out[:, at + 7 + k] = inertia[:, a, b]
     weight = field("dof_invweight0")
-    solimp = _clipped(field("dof_solimp"))
-    low, high, width = solimp[..., 0], solimp[..., 1], solimp[..., 2]
-    imp = np.where((low == high) | (width <= MINIMUM), 0.5 * (low + high), low)
-    _, damp = _reference(model, field("dof_solref"), high)
-    stiff = 1.0 / np.maximum(MINIMUM, (1.0 - imp) * weight / imp)
+    stiff, damp = _rubbing(model, field("dof_solimp"), field("dof_solref"), weight)
     stops = _reference(model, model.jnt_solref, _clipped(model.jnt_solimp)[:, 1])
     limited, ends = field("jnt_limited").astype(bool), field("jnt_range")
     columns: tuple[np.ndarray, ...] = (
@@ -199,7 +207,9 @@ def numbers_of(model: mujoco.MjModel, field: Field, applied: np.ndarray) -> np.n
         spring, ends = field("tendon_lengthspring"), field("tendon_range")
         pulled = _reference(model, model.tendon_solref_lim, _clipped(model.tendon_solimp_lim)[:, 1])
         columns = (field("tendon_stiffness"), spring[..., 0], spring[..., 1], ends[..., 0], ends[..., 1], *pulled)
-        for k, column in enumerate((*columns, field("tendon_invweight0"), field("tendon_damping"))):
+        pulls = field("tendon_invweight0")
+        rubs = field("tendon_frictionloss"), *_rubbing(model, model.tendon_solimp_fri, model.tendon_solref_fri, pulls)
+        for k, column in enumerate((*columns, pulls, field("tendon_damping"), *rubs)):
             out[:, at + k : at + TENDON * model.ntendon : TENDON] = column
     at += TENDON * model.ntendon
     for k, i in enumerate(tied.tolist()):

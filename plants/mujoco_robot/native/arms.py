@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     import mujoco
 
 LOG = logging.getLogger(__name__)
+Kind = tuple[bool, bool, tuple[int, ...]]  # what rows have: dry friction, limits, and tendons with dry friction
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +43,8 @@ class NativeArm:
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model
-        self._chains: dict[tuple[bool, bool], Chain] = {}
-        self._plain: dict[tuple[bool, bool], Compiled | None] = {}
+        self._chains: dict[Kind, Chain] = {}
+        self._plain: dict[Kind, Compiled | None] = {}
 
     def rollout(
         self, batch: Any, controls: np.ndarray, cuts: Sequence[int], each: int, between: Callable[[int], None]
@@ -124,7 +125,9 @@ class NativeArm:
     def _program(self, batch: Any, changing: Changing | None = None) -> Compiled | None:
         field = _fields_of(batch, self._model)
         rubs = changing is not None and changing.level >= 0
-        kind = rubs or bool((field("dof_frictionloss") > 0.0).any()), bool(field("jnt_limited").any())
+        rubs = rubs or bool((field("dof_frictionloss") > 0.0).any())
+        rubbing = tuple(np.flatnonzero((field("tendon_frictionloss") > 0.0).any(axis=0)).tolist())
+        kind = rubs, bool(field("jnt_limited").any()), rubbing
         if kind not in self._plain:
             chain = self._chains[kind] = chain_of(self._model, *kind)
             plain = compiled(chain)

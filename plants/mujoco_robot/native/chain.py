@@ -34,10 +34,11 @@ class Stop:
 @dataclass(frozen=True)
 class Tendon:
     """A length, the sum of joint positions times the coefficients in `of`, with a spring that has a dead band; stop: of
-    its limits, None without any."""
+    its limits, None without any; rubs: whether it has dry friction."""
 
     of: tuple[tuple[int, float], ...]
     stop: Stop | None
+    rubs: bool = False
 
 
 @dataclass(frozen=True)
@@ -77,8 +78,10 @@ LINK = 13  # of a link: place 3, mass, centre 3, inertia 6
 JOINT = 13
 DAMPING, FRICTION, BESIDE = 1, 4, 12  # where among them are those that change between steps
 ACTUATOR = 6  # of an actuator: gain, bias 3, range 2
-# of a tendon: stiffness, ends of the dead band, lower and upper limit, their K and B, inverse weight, damping
-TENDON = 9
+# of a tendon: stiffness, ends of the dead band, lower and upper limit, their K and B, inverse weight, damping, dry
+# friction, its 1/R and B
+TENDON = 12
+DAMPS = 8  # where among them is the damping
 EQUALITY = 3  # of a joint that follows another: K and B, inverse weight
 
 

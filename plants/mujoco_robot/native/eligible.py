@@ -125,11 +125,13 @@ def _touching(model: mujoco.MjModel) -> bool:
     return bool((meet.astype(bool) & (fixed[one] != fixed[other])).any())
 
 
-def agrees(model: mujoco.MjModel, program: Compiled, rubs: bool, stops: bool) -> bool:
+def agrees(
+    model: mujoco.MjModel, program: Compiled, rubs: bool, stops: bool, rubbing: tuple[int, ...] = ()
+) -> bool:
     """Whether a program takes the same steps as MuJoCo with its solver's tolerance at 0, in the largest random motions
     that stay bounded, under small commands and under such as reach every range. rubs: with friction at every joint;
-    stops: with some joints beyond their limits."""
-    tried = _tried(model, rubs, stops)
+    stops: with some joints beyond their limits; rubbing: with friction at these tendons."""
+    tried = _tried(model, rubs, stops, rubbing)
     found = [_compared_bounded(tried, program, saturating) for saturating in (False, True)]
     return found[0] is not None and all(close in (None, True) for close in found)
 
@@ -140,7 +142,7 @@ def _compared_bounded(model: mujoco.MjModel, program: Compiled, saturating: bool
     return next((close for close in outcomes if close is not None), None)
 
 
-def _tried(model: mujoco.MjModel, rubs: bool, stops: bool) -> mujoco.MjModel:
+def _tried(model: mujoco.MjModel, rubs: bool, stops: bool, rubbing: tuple[int, ...]) -> mujoco.MjModel:
     rng, tried = np.random.default_rng(0), copy(model)
     tried.opt.tolerance, tried.opt.ls_tolerance = 0.0, 1e-6
     if rubs:
@@ -149,6 +151,8 @@ def _tried(model: mujoco.MjModel, rubs: bool, stops: bool) -> mujoco.MjModel:
     if model.ntendon:
         damping = model.dof_M0.min() * rng.uniform(0.0, 5.0, model.ntendon)
         tried.tendon_damping[:] = np.maximum(model.tendon_damping, damping)
+    for t in rubbing:
+        tried.tendon_frictionloss[t] = model.dof_M0.min() * rng.uniform(1.0, 5.0)
     if stops:
         free = model.jnt_limited == 0
         tried.jnt_range[free] = model.qpos0[free, None] + np.array([-0.5, 0.5])

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 
-from plants.mujoco_robot.native.chain import Chain, Equality, Row, Stop
+from plants.mujoco_robot.native.chain import DAMPS, Chain, Equality, Row, Stop
 from plants.mujoco_robot.native.constraints import (
     MOST,
     ROUNDING,
@@ -69,13 +69,15 @@ def accelerations(
     ]
     constraints = [c for c in constraints if c.friction is not None or c.limits]
     for t, tendon in enumerate(chain.tendons):
-        stiff, from_, to, *stop, damp = row.tendon(t)
+        stiff, from_, to, *stop, damp, loss, k, b = row.tendon(t)
         length, rate = (dot([x[i] for i, _ in tendon.of], [c for _, c in tendon.of]) for x in (q, v))
         pull = stiff * (larger(p, from_ - length, 0.0) + smaller(p, to - length, 0.0)) - damp * rate
         for i, c in tendon.of:
             torque[i] = torque[i] + pull * c
-        if tendon.stop is not None:
-            constraints.append(Constraint(dict(tendon.of), None, _limits(p, tendon.stop, length, rate, stop)))
+        friction = Friction(loss, k, -(b * rate)) if tendon.rubs else None
+        limits = () if tendon.stop is None else _limits(p, tendon.stop, length, rate, stop)
+        if friction is not None or limits:
+            constraints.append(Constraint(dict(tendon.of), friction, limits))
     constraints += [_followed(p, e, off, v, row.equality(i)) for i, e in enumerate(chain.equalities)]
     free: list[Number] = list(torque)
     keep: list[Number] | None = None
@@ -84,7 +86,7 @@ def accelerations(
         free = [t + f for t, f in zip(torque, held, strict=True)]
     implicit = {(i, j): m + damping[i] * h if i == j else m for (i, j), m in mass.items()}
     for t, tendon in enumerate(chain.tendons if chain.integrator == "implicitfast" else ()):
-        slowed = row.tendon(t)[-1] * h
+        slowed = row.tendon(t)[DAMPS] * h
         for (i, c), (j, d) in itertools.product(tendon.of, tendon.of):
             if (i, j) in implicit:
                 implicit[i, j] = implicit[i, j] + slowed * (c * d)

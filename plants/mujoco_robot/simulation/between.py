@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from plants.mujoco_robot.edits.force_ranges import raised
+from plants.mujoco_robot.edits.split_gears import shares_behind
 from plants.mujoco_robot.simulation.fitted_laws import any_law, joint_laws, law_torques, levels, loads, signals_of
 from plants.mujoco_robot.simulation.gear_feedback import link_servos
 from plants.mujoco_robot.simulation.gravity_compensation import compensating
@@ -111,15 +112,21 @@ def _actuator_scale(batch: Any, robot: CompiledRobot, settings: Settings, drive:
 
 
 def _friction(batch: Any, robot: CompiledRobot, settings: Settings, drive: Drive) -> Any:
-    """The dry frictions' levels as dof_frictionloss: MuJoCo's solver supplies the sign, sticking included."""
+    """The dry frictions' levels as dof_frictionloss: MuJoCo's solver supplies the sign, sticking included. Of what is
+    constant a share may act behind the gear, as the damping does."""
     effects = settings.effects
     constants, varying = (list(present(effects, site)) for site in ("dry friction", "friction"))
     laws = joint_laws(effects, "law friction")
     if not constants and not varying and not laws:
         return None
-    dof = robot.dofs
+    dof, gears = robot.dofs, robot.gears
     loss = batch.expand("dof_frictionloss")
     base = loss[:, dof].copy()
+    behind = np.zeros_like(base)
+    share = shares_behind(robot, settings)
+    if gears is not None and share is not None:
+        behind[:, gears.joints] = share
+        base[:, gears.joints] += batch.expand("tendon_frictionloss")[:, gears.links]
     touched = np.zeros(base.shape, dtype=bool)
     for e, p in (*constants, *varying):
         touched |= ~is_null(e.name, p)
@@ -129,8 +136,10 @@ def _friction(batch: Any, robot: CompiledRobot, settings: Settings, drive: Drive
     solimp = batch.expand("dof_solimp")
     index = np.argwhere(touched)
     solimp[index[:, 0], dof[index[:, 1]]] = STIFF_SOLIMP
-    constant = np.maximum(_braked(base, constants, base, base), 0.0)
-    loss[:, dof] = constant
+    whole = np.maximum(_braked(base, constants, base, base), 0.0)
+    if gears is not None and share is not None:
+        batch.expand("tendon_frictionloss")[:, gears.links] = (behind * whole)[:, gears.joints]
+    loss[:, dof] = constant = (1.0 - behind) * whole
     if not varying and not laws:
         return None
     signals = signals_of(batch, robot, drive) if laws else None

@@ -39,6 +39,7 @@ NOTHING: Mapping[Term, str] = MappingProxyType({})
 UNTOLD = "the angle of a wheel can be estimated only from pose.x, pose.y and pose.theta"
 AS_TRACK = "without wheel encoders it cannot be told from another track"
 FAR_MORE = 2.0  # times the torque that a model needs, from which what the motors give is probed as friction
+RUBBING = ("damping", "frictionloss")  # nominal numbers of a joint that may act on either side of its gear
 TURNED = 0.2  # rad over the whole range of a joint: what a typical step of a number of cycles changes
 
 
@@ -89,11 +90,11 @@ class Space:
         )
 
     def _damped(self, term: Term) -> bool:
-        """Whether the model has damping at the joint of a gear, or at any where the term acts on all."""
+        """Whether the model has friction at the joint of a gear, or at any where the term acts on all."""
         joints = dict(zip(self.robot.actuators, optional.actuator_joints(self.robot), strict=True))
         slots = self.slots[term.effect] if term.target is None else (term.target,)
         nominal = self.robot.nominal()
-        return any(nominal.get(f"joint.{joints.get(s, s)}.damping", 0.0) > 0.0 for s in slots)
+        return any(nominal.get(f"joint.{joints.get(s, s)}.{x}", 0.0) > 0.0 for s in slots for x in RUBBING)
 
     def whole(self, values: Values) -> Values:
         """The values with the fixed numbers of the laws among them."""

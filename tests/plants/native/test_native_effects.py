@@ -97,6 +97,17 @@ def test_all_that_changes_between_steps_together(tmp_path: Path, feedback: str, 
     assert_same(robot, replace(drive, enabled=on), settings, 1e-8)
 
 
+@pytest.mark.parametrize("friction", [(), ("coulomb_friction",), ("coulomb_friction", "stribeck_friction")])
+@pytest.mark.parametrize("gear", ["backlash", "joint_compliance"])
+def test_friction_behind_a_gear(tmp_path: Path, gear: str, friction: tuple[str, ...]) -> None:
+    """The model's and the added one, of which all or a part acts on the link, with play or on a spring."""
+    robot = arm(tmp_path)
+    rng = np.random.default_rng(5)
+    found = {e.name: numbers(robot, e, rng) for e in HERE if e.name in (gear, *friction)}
+    found[gear]["damping_behind"][1:, :] = rng.uniform(0.3, 1.0, (ROWS - 1, 2))
+    assert_same(robot, random_drive(robot, ROWS, STEPS), Settings(ROWS, found), 1e-8)
+
+
 def test_limits_beyond_those_of_the_model_with_a_supply_that_sags(tmp_path: Path) -> None:
     """Of 2 N m in the model, from half of that to twice as much, with an integrator that the limits clamp."""
     robot = arm(tmp_path, SERVOS.replace('kv="1.5"', 'kv="1.5" forcerange="-2 1.6"').replace("-3 3", "-2 2"))
