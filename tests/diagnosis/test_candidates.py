@@ -45,6 +45,14 @@ def test_sets_share_the_likelihood() -> None:
     assert found == pytest.approx({(RADIUS, TRACK): 4 / 9, (GAIN, TRACK): 4 / 9, (SLIP, TRACK): 1 / 9})
 
 
+def test_sets_that_differ_in_two_places_are_there_as_well() -> None:
+    """Two groups of two are four sets, so that each member's share is that of its group."""
+    two = (rival(RADIUS, GAIN, 0.0, 25.0, alike=True), Rival((TRACK,), (BIAS,), fit(25.0, RADIUS, BIAS), 0.0, True))
+    found = {frozenset(s.effects): s.probability for s in rival_sets(Rivalry(FINAL, two, (), {}, FINAL))}
+    every = [frozenset({a, b}) for a in (RADIUS, GAIN) for b in (TRACK, BIAS)]
+    assert found == pytest.approx(dict.fromkeys(every, 0.25))
+
+
 SURE = {RADIUS: 0.9, TRACK: 0.9}
 
 
@@ -74,6 +82,25 @@ def test_alternatives_are_the_other_members_of_a_group_and_the_closest_rivals() 
     assert group.values == RIVALRY.rivals[0].fit.values
     assert (close.terms, close.instead_of, close.confounded) == ((SLIP,), (RADIUS,), False)
     assert close.ratio == RIVALRY.rivals[1].ratio
+
+
+def test_an_alternative_stands_beside_the_named_members_of_the_other_groups() -> None:
+    """The search found readings that are late, of which the delay of commands is the named twin, and a gain."""
+    late = Term("sensor_delay", None)
+    as_found, named = fit(25.0, late, GAIN), fit(26.0, DELAY, GAIN)
+    rivals = (
+        Rival((late,), (DELAY,), named, 0.0, True),
+        Rival((GAIN,), (RADIUS,), fit(24.0, late, RADIUS), 0.0, True),
+        Rival((GAIN,), (SLIP,), fit(27.0, late, SLIP), 2.0, False),
+    )
+    groups = (((DELAY,), (late,)), ((GAIN,), (RADIUS,)))
+    found = alternatives(Rivalry(named, rivals, groups, {}, as_found), groups, named, settings=ResultSettings())
+    sets = {a.terms: {k.term: v for k, v in a.values.items()} for a in found}
+    assert sets == {
+        (late,): {late: 25.0, GAIN: 25.0},
+        (RADIUS,): {DELAY: 26.0, RADIUS: 24.0},
+        (SLIP,): {DELAY: 26.0, SLIP: 27.0},
+    }
 
 
 def test_rivals_that_are_beyond_doubt_worse_and_all_but_the_closest_are_no_alternatives() -> None:

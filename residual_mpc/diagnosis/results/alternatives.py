@@ -1,6 +1,7 @@
 """The explanations that were compared, as the document lists them: candidates, whole sets, alternatives."""
 
 from collections.abc import Mapping
+from itertools import combinations
 
 import numpy as np
 
@@ -8,8 +9,11 @@ from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
 from residual_mpc.diagnosis.results.records import Alternative, Candidate, RivalSet
 from residual_mpc.diagnosis.results.settings import ResultSettings
+from residual_mpc.diagnosis.search.close_rivals import Rival
 from residual_mpc.diagnosis.search.rivals import Rivalry
-from residual_mpc.models.settings import Term
+from residual_mpc.models.settings import TUNE, Term, Values
+
+LISTED = 6  # sets that are listed as wholes
 
 
 def candidates(
@@ -46,13 +50,29 @@ def candidates(
 
 def rival_sets(rivalry: Rivalry) -> tuple[RivalSet, ...]:
     """The best few sets as wholes, the chosen one among them, with the share of the likelihood that each holds."""
-    weights: dict[EffectSet, float] = {rivalry.as_found.terms: 1.0}
+    found = rivalry.as_found.terms
+    weights: dict[EffectSet, float] = {found: 1.0}
     for r in rivalry.rivals:
-        weight = float(np.exp(-0.5 * np.clip(r.ratio, 0.0, 200.0)))
-        weights[r.fit.terms] = max(weights.get(r.fit.terms, 0.0), weight)
+        weights[r.fit.terms] = max(weights.get(r.fit.terms, 0.0), _weight(r))
+    for pair in combinations((r for r in rivalry.rivals if r.alike), 2):
+        both = _exchanged(found, *pair)
+        if both is not None:
+            weights[both] = max(weights.get(both, 0.0), _weight(pair[0]) * _weight(pair[1]))
     total = sum(weights.values())
     ranked = sorted((RivalSet(t, w / total) for t, w in weights.items()), key=lambda r: -r.probability)
-    return tuple(ranked[:6])
+    return tuple(ranked[:LISTED])
+
+
+def _weight(rival: Rival) -> float:
+    return float(np.exp(-0.5 * np.clip(rival.ratio, 0.0, 200.0)))
+
+
+def _exchanged(terms: EffectSet, one: Rival, other: Rival) -> EffectSet | None:
+    """The set with the exchanges of two rivals in different places; None where one leaves no room for the other."""
+    gone, came = (*one.gone, *other.gone), (*one.came, *other.came)
+    stays = tuple(t for t in terms if t not in gone)
+    fits = len(set(gone)) == len(gone) and set(gone) <= set(terms)
+    return (*came, *stays) if fits and len({*came, *stays}) == len(came) + len(stays) else None
 
 
 def alternatives(
@@ -67,9 +87,26 @@ def alternatives(
             fit = rivalry.standing_for(member)
             if fit is not None and member != here and not all(t in final.terms for t in member):
                 ratio = min((r.ratio for r in rivalry.rivals if r.came == member), default=0.0)
-                out[member] = Alternative(member, here, fit.values, ratio, True)
+                out[member] = Alternative(member, here, _beside_named(fit, final, member, here, groups), ratio, True)
     close = (r for r in rivalry.rivals if not r.alike and r.ratio < settings.search.beyond_doubt)
     for r in sorted(close, key=lambda r: r.ratio)[: settings.closest]:
         if r.came and r.came not in out and all(t in final.terms for t in r.gone):
-            out[r.came] = Alternative(r.came, r.gone, r.fit.values, r.ratio, False)
+            values = _beside_named(r.fit, final, r.came, r.gone, groups)
+            out[r.came] = Alternative(r.came, r.gone, values, r.ratio, False)
     return tuple(out.values())
+
+
+def _beside_named(
+    fit: Fit, final: Fit, came: EffectSet, gone: EffectSet, groups: tuple[ConfoundedGroup, ...]
+) -> Values:
+    """The values of a rival, in which the named members of the other groups stand: it was fitted beside what the search
+    had found, which may have been other members of these groups."""
+    values = dict(fit.values)
+    for group in groups:
+        named = next((m for m in group if all(t in final.terms for t in m)), ())
+        beside = [m for m in group if m != named and all(t in fit.terms for t in m)]
+        for member in beside:
+            if named and named != gone and not set(member) & {*came, *final.terms}:
+                values = {k: v for k, v in values.items() if k.effect == TUNE or k.term not in member}
+                values |= {k: v for k, v in final.values.items() if k.effect != TUNE and k.term in named}
+    return values
