@@ -63,7 +63,7 @@ class PybulletRobot:
         """Where effects can act."""
         return {
             **dict.fromkeys(("command", "limit", "delay", "filter"), MOTORS),
-            **dict.fromkeys(("offset", "range"), tuple(f"position.{m}" for m in MOTORS)),
+            **dict.fromkeys(("offset", "range", "encoder"), tuple(f"position.{m}" for m in MOTORS)),
             "clock": (EVERY_SENSOR,),
             "samples": (self.name,),
         }

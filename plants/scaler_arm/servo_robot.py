@@ -70,7 +70,7 @@ class ServoArm:
         return {
             **dict.fromkeys(("command", "strength", "position gain", "dry friction", "damping"), MOTORS),
             **dict.fromkeys(("tool", "samples"), (self.name,)),
-            **dict.fromkeys(("offset", "range"), tuple(f"position.{m}" for m in MOTORS)),
+            **dict.fromkeys(("offset", "range", "encoder"), tuple(f"position.{m}" for m in MOTORS)),
         }
 
     def slots(self, effect: str) -> tuple[str, ...]:

@@ -51,6 +51,7 @@ Site = Literal[
     "clock",  # the clock that stamps the readings
     "offset",  # a constant in a reading
     "range",  # a factor on a reading
+    "encoder",  # the disc of an encoder on its shaft
     "filter",  # how fast a reading follows
     "point",  # the tracked point on the body
     "samples",  # single samples of a reading
@@ -144,7 +145,8 @@ class Effect:
     - ground:   by site; roundness: step(ops, p, angle) -> factor on a wheel's radius at its angle, rad; rim: step(ops,
       p, v, a) -> v, a rim's speed m/s and acceleration m/s^2; side: step(ops, p, forward, yaw) -> m/s to the left;
       drift: step(ops, p) -> (m/s, m/s) in the world
-    - sensor:   at the point: step(ops, p, x, y, theta) -> (x, y), and `undo`, its inverse
+    - sensor:   at the point: step(ops, p, x, y, theta) -> (x, y), and `undo`, its inverse; at the encoder: step(ops, p,
+      q) -> what is added to the reading of the position q, rad
     - model:    no equation: its parameters change quantities of the model
     - law:      step(ops, p, z) -> what is added, at the value z of the quantity that the law is a function of
     """

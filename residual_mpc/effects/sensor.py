@@ -25,6 +25,12 @@ def unmounted(ops: Ops, p: Values, x: Array, y: Array, theta: Array) -> tuple[Ar
     return x - (c * p["x"] - s * p["y"]), y - (s * p["x"] + c * p["y"])
 
 
+def off_axis(ops: Ops, p: Values, q: Array) -> Array:
+    """rad by which an encoder reads too much whose disc sits off its shaft's axis: a sine of the angle, once a turn, to
+    first order in the offset over the disc's radius."""
+    return p["amplitude"] * ops.sin(q + p["phase"])
+
+
 def low_pass(x: np.ndarray, y0: np.ndarray, tau: float, h: float) -> np.ndarray:
     """(..., K + 1) the solution of tau dy/dt = x - y on nodes h s apart, for an input x (..., K + 1) that is straight
     between them, exactly; from the memory y0 (...). The input itself where tau is 0."""
@@ -104,6 +110,26 @@ SENSOR_SCALE = Effect(
     not_in_mjcf=READ_ELSEWHERE,
 )
 
+ENCODER_ECCENTRICITY = Effect(
+    name="encoder_eccentricity",
+    stage="sensor",
+    port="sensor",
+    target="channel",
+    parameters=(
+        Parameter("amplitude", "rad", 0.0, 0.0, 0.5, (0.03, 0.03, 0.03, 0.03), tolerance=0.002),
+        Parameter("phase", "rad", 0.0, -math.inf, math.inf, (0.0, 1.5708, 3.1416, -1.5708), shape=True),
+    ),
+    summary="an encoder that sits off its shaft's axis errs by a sine of the angle",
+    step=off_axis,
+    null_target=False,
+    site="encoder",
+    unseen="the joint turns by a small part of a turn",
+    imitates=frozenset({"position"}),
+    phrase=Phrase("{who} errs by {amplitude} either way over a turn, as an encoder does that sits off its axis"),
+    nouns={"amplitude": Noun("error of the encoder over a turn", "own", "encoder eccentricity", "an", "amplitude")},
+    not_in_mjcf=READ_ELSEWHERE,
+)
+
 SENSOR_BIAS = Effect(
     name="sensor_bias",
     stage="sensor",
@@ -160,4 +186,7 @@ SENSOR_OUTLIERS = Effect(
     not_in_mjcf=READ_ELSEWHERE,
 )
 
-EFFECTS = (SENSOR_DELAY, SENSOR_LAG, SENSOR_SCALE, CLOCK_SKEW, SENSOR_BIAS, SENSOR_MOUNTING, SENSOR_OUTLIERS)
+EFFECTS = (
+    SENSOR_DELAY, SENSOR_LAG, SENSOR_SCALE, CLOCK_SKEW, SENSOR_BIAS, SENSOR_MOUNTING, SENSOR_OUTLIERS,
+    ENCODER_ECCENTRICITY,
+)  # fmt: skip

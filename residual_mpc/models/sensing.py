@@ -9,7 +9,7 @@ import numpy as np
 from residual_mpc.effects.effect import Quantity
 from residual_mpc.effects.library import BY_NAME, FACTORS, present
 from residual_mpc.effects.ops import NUMPY
-from residual_mpc.effects.sensor import EVERY_SENSOR, lateness, low_pass
+from residual_mpc.effects.sensor import ENCODER_ECCENTRICITY, EVERY_SENSOR, lateness, low_pass, off_axis
 from residual_mpc.models.settings import Settings
 
 Readings = Mapping[str, np.ndarray]  # channel -> (rows,)
@@ -52,6 +52,13 @@ def sensor_value(robot: SensedRobot, settings: Settings, quantity: Quantity, cha
     return total
 
 
+def swing_of(robot: SensedRobot, settings: Settings, channel: str) -> dict[str, np.ndarray] | None:
+    """(rows,) each of the settings, how a channel's encoder sits off its axis; None where it does not."""
+    values = settings.effects.get(ENCODER_ECCENTRICITY.name)
+    slot = None if values is None else slot_of(channel, robot.slots(ENCODER_ECCENTRICITY.name))
+    return None if values is None or slot is None else {k: v[:, slot] for k, v in values.items()}
+
+
 def scaled(true: np.ndarray, scale: np.ndarray, origin: np.ndarray | float) -> np.ndarray:
     """What a sensor reads that multiplies what lies beyond its origin; the true value itself at a scale of 1."""
     return np.asarray(scale * true + (1.0 - scale) * origin)
@@ -74,13 +81,16 @@ def mounted_at(settings: Settings, true: Readings) -> dict[str, np.ndarray]:
 
 
 def sensed(robot: SensedRobot, settings: Settings, true: Readings, first: Readings) -> dict[str, np.ndarray]:
-    """Scale and bias on channels (rows,) of the tracked point, in this order. first: the true values with which the run
+    """Scale, eccentricity and bias on channels (rows,) of the tracked point. first: the true values with which the run
     began."""
     out = dict(true)
     for channel, value in out.items():
         scale = sensor_value(robot, settings, "reading scale", channel)
+        swing = swing_of(robot, settings, channel)
+        errs = 0.0 if swing is None else off_axis(NUMPY, swing, value)
         if scale is not None:
-            out[channel] = value = scaled(value, scale, first[channel] if channel in SINCE_START else 0.0)
+            value = scaled(value, scale, first[channel] if channel in SINCE_START else 0.0)
+        out[channel] = value = value + errs
         bias = sensor_value(robot, settings, "reading offset", channel)
         if bias is not None:
             out[channel] = value + bias

@@ -40,7 +40,7 @@ from residual_mpc.effects.drive import (
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.ground import ground_twist
 from residual_mpc.effects.ops import NUMPY, Array, Ops, casadi_ops, jax_ops
-from residual_mpc.effects.sensor import mounted, unmounted
+from residual_mpc.effects.sensor import mounted, off_axis, unmounted
 from residual_mpc.effects.surroundings import ripple_torque, spring_torque
 
 STEPS, N = 20, 5  # steps of a sequence, signals side by side
@@ -160,6 +160,7 @@ EQUATIONS: dict[str, tuple[Equation, list[tuple[float, float]], int]] = {
     "ground": (on_the_ground, [(0.5, 2.0), (0.8, 1.2), (0.0, 2.0), (0.5, 2.0), (-0.5, 0.5)], 4),
     "slope": (lambda o, r, h: slope_drift(o, {"rate": r, "heading": h}), [(0.0, 0.1), (-4.0, 4.0)], 0),
     "wheel_eccentricity": (_one(radius_over_turn, "amplitude", "phase"), [(0.0, 0.5), (-4.0, 4.0)], 1),
+    "encoder_eccentricity": (_one(off_axis, "amplitude", "phase"), [(0.0, 0.5), (-4.0, 4.0)], 1),
     "mounted": (lambda o, x, y, *q: mounted(o, {"x": x, "y": y}, *q), [(-1.0, 1.0)] * 2, 3),
     "unmounted": (lambda o, x, y, *q: unmounted(o, {"x": x, "y": y}, *q), [(-1.0, 1.0)] * 2, 3),
 }

@@ -38,7 +38,9 @@ class ArmSensor:
     bias: Array  # rad
     outliers: Array  # share of the samples
     skew: float = 0.0  # s that their clock gains in a second
-    eccentric: float = 0.0  # rad, swing of the readings over a turn: a cause that no library names
+    off_axis: Array | float = 0.0  # (n,) offset of an encoder's disc from its axis, over the disc's radius
+    towards: float = 0.0  # rad, where the disc is off
+    crossed: float = 0.0  # share of the joint before in the reading of a joint: a cause that no library names
     scale: Array | float = 1.0  # (n,) readings over the truth
     lag: Array | float = 0.0  # (n,) s by which the readings' filter lags
 

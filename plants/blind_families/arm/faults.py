@@ -27,7 +27,7 @@ from residual_mpc.effects.body import (
 from residual_mpc.effects.command import COMMAND_DELAY, DEAD_ZONE
 
 UNNAMED = ("dented_tooth", "dragging_cable", "warming_friction", "gusts")
-UNNAMED_IN_TESTS = ("uneven_friction", "belt_between_joints", "eccentric_encoders", "shared_supply")
+UNNAMED_IN_TESTS = ("uneven_friction", "belt_between_joints", "crossed_encoders", "shared_supply")
 PAIRS: tuple[tuple[str, str], ...] = tuple(
     (a.name, b.name)
     for a, b in (
@@ -66,8 +66,8 @@ def caused(cause: str, robot: ArmRobot, seconds: float, rng: np.random.Generator
         blows.append([begin, begin + float(rng.uniform(0.2, 0.7)), *(rng.normal(size=n) * torque)])
 
     def of(s: float) -> ArmRobot:
-        if cause == "eccentric_encoders":
-            return replace(robot, sensor=replace(robot.sensor, eccentric=0.3 * s))
+        if cause == "crossed_encoders":
+            return replace(robot, sensor=replace(robot.sensor, crossed=0.3 * s))
         gusts = np.array(blows)
         gusts[:, 2:] *= 2.0 * s
         between = 2.0 * s * torque[:-1] / robot.speed_rms[:-1]

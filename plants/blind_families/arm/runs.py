@@ -45,7 +45,7 @@ class Happened:
         for r in range(out.shape[0]):
             for j in range(out.shape[2]):
                 out[r, :, j] = np.interp(true - sensor.delay[j], fine, q[r, :, j]) + sensor.bias[j]
-        return out + sensor.eccentric * np.sin(out) if sensor.eccentric else out
+        return out
 
     def speed(self, t: Array, sensor: ArmSensor) -> Array:
         """Joint speeds (r, k, n) rad/s seen at ``t``, half a fine step early: where the leapfrog keeps them.
@@ -59,10 +59,16 @@ class Happened:
 
 
 def read(q: Array, sensor: ArmSensor) -> Array:
-    """Positions (r, m, n) rad on the fine grid as the encoders read them: scaled, by a little more on one side than on
-    the other, as a worn potentiometer does, and behind two low-passes whose time constants add up to the lag."""
+    """Positions (r, m, n) rad on the fine grid as the encoders read them: off their axes, scaled, by a little more on
+    one side than on the other, as a worn potentiometer does, and behind two low-passes whose time constants add up to
+    the lag."""
     n = q.shape[2]
     out, scale, lag = q, np.broadcast_to(sensor.scale, n), np.broadcast_to(sensor.lag, n)
+    if np.any(sensor.off_axis):  # the angle at which a read head sees a disc that turns about a point beside its centre
+        away = q + sensor.towards
+        out = q = q + np.arctan2(sensor.off_axis * np.sin(away), 1.0 - sensor.off_axis * np.cos(away))
+    if sensor.crossed:
+        out = q = q + sensor.crossed * np.concatenate([np.zeros_like(q[:, :, :1]), q[:, :, :-1]], axis=2)
     if (scale != 1.0).any():
         out = q + (scale - 1.0) * q * (1.0 + _UNEVEN * np.tanh(q / 0.3))
     for j in np.flatnonzero(lag > 0.0):

@@ -11,7 +11,7 @@ from plants.blind_families.arm.effects import ArmRobot, Draw, Place, every_joint
 from plants.blind_families.planting import Planting, Plantings, by_name
 from residual_mpc.effects.actuator import POSITION_GAIN, RATE_LIMIT, SERVO_INTEGRAL, TORQUE_SPEED_LIMIT
 from residual_mpc.effects.body import GEAR_EFFICIENCY, PAYLOAD
-from residual_mpc.effects.sensor import SENSOR_LAG, SENSOR_SCALE
+from residual_mpc.effects.sensor import ENCODER_ECCENTRICITY, SENSOR_LAG, SENSOR_SCALE
 from residual_mpc.effects.surroundings import BASE_TILT, END_STOP, JOINT_SPRING, TORQUE_OFFSET, TORQUE_RIPPLE
 
 Made = tuple[ArmRobot, dict[str, float]]
@@ -113,6 +113,12 @@ def _scale(robot: ArmRobot, draw: Draw, s: float) -> Made:
     return _reading(robot, draw, "scale", 1.0, scale), {"scale": scale}
 
 
+def _eccentric(robot: ArmRobot, draw: Draw, s: float) -> Made:
+    amplitude, phase = 0.25 * s, float(draw.sign * np.pi * draw.shape)
+    made = _reading(robot, draw, "off_axis", 0.0, amplitude)
+    return replace(made, sensor=replace(made.sensor, towards=phase)), {"amplitude": amplitude, "phase": phase}
+
+
 def _slow_sensor(robot: ArmRobot, draw: Draw, s: float) -> Made:
     lag = 0.15 * s
     return _reading(robot, draw, "lag", 0.0, lag), {"time_constant": lag}
@@ -139,5 +145,6 @@ SERVO_PLANTINGS: Plantings[ArmRobot, Draw, Place] = by_name(
     Planting(PAYLOAD, _long_tool, every_joint, typical=0.1),
     Planting(SENSOR_SCALE, _scale, one_joint, typical=0.2),
     Planting(SENSOR_LAG, _slow_sensor, every_joint, typical=0.2),
+    Planting(ENCODER_ECCENTRICITY, _eccentric, one_joint, typical=0.2),
     Planting(POSITION_GAIN, _stiffness, one_joint, typical=0.2, needs=(POSITION_SERVOS,)),
 )

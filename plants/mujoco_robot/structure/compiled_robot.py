@@ -253,12 +253,14 @@ class CompiledRobot:
             return {
                 **dict.fromkeys(("delay", "filter"), self.joints),
                 **dict.fromkeys(("offset", "range"), encoders),
+                "encoder": tuple(f"position.{j}" for j in self.joints if j not in self.sliding),
                 "clock": (EVERY_SENSOR,),
             }
         others = self._not_rolling
         return {  # a wheel's angle is not measured, and says nothing of where the robot is
             **dict.fromkeys(("delay", "filter"), ("pose", *others)),
             **dict.fromkeys(("offset", "range"), ("pose.theta", *(f"position.{j}" for j in others))),
+            "encoder": tuple(f"position.{j}" for j in others if j not in self.sliding),
             "clock": ("pose",),
             "point": (self.name,),
         }

@@ -5,9 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Block, Dataset
-from residual_mpc.effects.sensor import lateness
-from residual_mpc.models.sensing import SINCE_START, scaled, sensor_value, unscaled
+from residual_mpc.effects.ops import NUMPY
+from residual_mpc.effects.sensor import lateness, off_axis
+from residual_mpc.models.sensing import SINCE_START, scaled, sensor_value, swing_of, unscaled
 from residual_mpc.models.settings import Settings
+
+INVERTING = 6  # Newton steps from a reading to the angle behind it, at an amplitude of at most half a radian
 
 
 @dataclass(frozen=True)
@@ -22,12 +25,13 @@ class LocalValue:
 
 @dataclass(frozen=True)
 class Reading:
-    """H hypotheses on the W windows of a block: reading(t) = scaled(low-pass of true(t - late)) + bias, where late is
-    the delay and what the sensor's clock has gained since the run began.
+    """H hypotheses on the W windows of a block: reading(t) = scaled(x) + swing(x) + bias, x = low-pass of true(t -
+    late), where late is the delay and what the sensor's clock has gained since the run began.
 
     delay (H,) s; skew (H, 1), None where no hypothesis has one; clock (W,) s from the run's first stamp to the windows'
     starts; bias (H, 1) channel unit; scale (H, 1), None where no hypothesis scales; origin (H, W): the true value
-    that a scale leaves alone, channel unit; lag (H,) s, None where no hypothesis has a low-pass.
+    that a scale leaves alone, channel unit; lag (H,) s, None where no hypothesis has a low-pass; swing: the numbers of
+    an encoder off its axis, (H, 1) each, None where no hypothesis has one.
     """
 
     delay: np.ndarray
@@ -37,6 +41,7 @@ class Reading:
     scale: np.ndarray | None
     origin: np.ndarray
     lag: np.ndarray | None
+    swing: dict[str, np.ndarray] | None = None
 
     def late(self, t: np.ndarray) -> np.ndarray:
         """(H, W, M) s, or (H, 1, 1) without a skew: how late readings at t (W, M) s after the windows' starts are."""
@@ -51,9 +56,7 @@ class Reading:
 
     def of(self, true: np.ndarray) -> np.ndarray:
         """(H, W, M) readings of true values (H, W, M), delay and low-pass aside."""
-        if self.scale is not None:
-            true = scaled(true, self.scale[:, :, None], self.origin[:, :, None])
-        return np.asarray(true + self.bias[:, :, None])
+        return np.asarray(self._bent(true) + self.bias[:, :, None])
 
     def true(self, fit: LocalValue) -> np.ndarray:
         """(H, W) true values behind what is read, delay aside: a low-pass' input is y + lag dy/dt."""
@@ -62,13 +65,31 @@ class Reading:
     def memory(self, value: np.ndarray) -> np.ndarray:
         """(H, W) what the low-pass holds when its output is read as these values (H, W), in true units."""
         value = value - self.bias
-        return value if self.scale is None else unscaled(value, self.scale, self.origin)
+        true = value if self.scale is None else unscaled(value, self.scale, self.origin)
+        for _ in range(INVERTING if self.swing is not None else 0):
+            true = true - (self._bent(true[:, :, None])[:, :, 0] - value) / self._slope(true)
+        return true
 
     def rate(self, fit: LocalValue) -> np.ndarray:
         """(H, W) rates of the true values, per second, behind what is read."""
         rate = fit.slope if self.lag is None else _ahead(fit.slope, fit.curvature, self.lag)
         rate = rate if self.skew is None else rate * (1.0 + self.skew)
+        if self.swing is not None:
+            return np.asarray(rate / self._slope(self.true(fit)))
         return rate if self.scale is None else np.asarray(rate / self.scale)
+
+    def _bent(self, true: np.ndarray) -> np.ndarray:
+        """(H, W, M) readings of true values (H, W, M), delay, low-pass and bias aside."""
+        read = true if self.scale is None else scaled(true, self.scale[:, :, None], self.origin[:, :, None])
+        if self.swing is None:
+            return read
+        return np.asarray(read + off_axis(NUMPY, {k: v[:, :, None] for k, v in self.swing.items()}, true))
+
+    def _slope(self, true: np.ndarray) -> np.ndarray:
+        """(H, W) how fast the readings change with the true values."""
+        assert self.swing is not None
+        one = np.ones((1, 1)) if self.scale is None else self.scale
+        return np.asarray(one + self.swing["amplitude"] * np.cos(true + self.swing["phase"]))
 
 
 def reading_of(data: Dataset, block: Block, settings: Settings, channel: str) -> Reading:
@@ -80,10 +101,14 @@ def reading_of(data: Dataset, block: Block, settings: Settings, channel: str) ->
     scale = sensor_value(block.robot, settings, "reading scale", channel)
     zero = np.zeros(settings.rows)
     offset = (zero if bias is None else bias)[:, None]
-    origin = zero[:, None] if scale is None else _origin(data, block, channel) - offset
+    counted = scale is not None and channel in SINCE_START  # from a reading, which the bias has shifted
+    origin = _origin(data, block, channel) - offset if counted else zero[:, None]
     late = zero if delay is None else delay
     gained = None if skew is None else skew[:, None]
-    return Reading(late, gained, block.drive.clock, offset, None if scale is None else scale[:, None], origin, lag)
+    found = swing_of(block.robot, settings, channel)
+    swing = None if found is None else {k: v[:, None] for k, v in found.items()}
+    factor = None if scale is None else scale[:, None]
+    return Reading(late, gained, block.drive.clock, offset, factor, origin, lag, swing)
 
 
 def _ahead(value: np.ndarray, rate: np.ndarray, lag: np.ndarray) -> np.ndarray:
@@ -92,11 +117,10 @@ def _ahead(value: np.ndarray, rate: np.ndarray, lag: np.ndarray) -> np.ndarray:
 
 
 def _origin(data: Dataset, block: Block, channel: str) -> np.ndarray:
-    """(1, W) channel unit: the reading that a scale leaves alone; 0 but for what counts from where a run began, its
-    first reading."""
+    """(1, W) channel unit: the reading that a scale leaves alone of what counts from where a run began, its first."""
     run = data.run[block.where]
     origin = np.zeros((1, len(run)))
-    for i in np.unique(run) if channel in SINCE_START else ():
+    for i in np.unique(run):
         signal = data.signals.get((int(i), channel))
         if signal is not None and len(signal.y):
             origin[0, run == i] = signal.y[0]

@@ -10,6 +10,8 @@ from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Term
 
+PART_OF_A_TURN = 1.0  # rad that a joint has to turn, for a sine of its angle to differ from a line
+
 
 def numbers_of_still(robot: Robot, still: Collection[str]) -> tuple[str, ...]:
     """Prefixes of the names of the nominal numbers of joints that stand still, and of their actuators."""
@@ -20,8 +22,13 @@ def numbers_of_still(robot: Robot, still: Collection[str]) -> tuple[str, ...]:
 
 def uncovered(term: Term, slots: tuple[str, ...], robot: Robot, references: Mapping[tuple[str, str], float]) -> str:
     """Why no run shows an effect that repeats with a joint's angle; empty where one may, and for other effects."""
-    least = [p for p in BY_NAME[term.effect].parameters if p.cover]
-    joint = slots[0] if term.target is None else term.target
+    effect, slot = BY_NAME[term.effect], slots[0] if term.target is None else term.target
+    joint = slot.removeprefix("position.")
+    if effect.place == "encoder":
+        turned = turned_of(references, joint)
+        like = "over which its error is a scale and a bias"
+        return "" if turned > PART_OF_A_TURN else f"the joint turns by {turned:.2g} rad, {like}"
+    least = [p for p in effect.parameters if p.cover]
     if not least:
         return ""
     if joint in optional.sliding(robot):
