@@ -69,7 +69,7 @@ def test_an_effect_on_all_targets_speaks_for_the_one_that_is_named(monkeypatch: 
     found: Any = SimpleNamespace(changes=changes, fit=fit, account=account, phi=1.0)
     fits = {t: (Explanation(LIMIT_OF_ONE, fit, np.ones(1)), Explanation(t, fit, np.ones(1))) for t in (LIMIT, LATE)}
     ratios = {LIMIT: 0.0, LATE: 2.0}
-    monkeypatch.setattr(rivals, "fit_all", lambda *_, **__: [SimpleNamespace(cost=2.0)])
+    monkeypatch.setattr(rivals, "_without", lambda _, found, aside, __: found)
     monkeypatch.setattr(rivals, "_in_place_of", lambda *_: fits)
     monkeypatch.setattr(
         rivals, "likelihood_ratios", lambda problem, pair, *_: np.array([[0.0, ratios[pair[1].term]], [0.0, 0.0]])

@@ -17,6 +17,7 @@ from residual_mpc.models.protocol import Robot
 
 MOTORS = '<motor name="j1" joint="j1"/><motor name="j2" joint="j2"/>'
 FIRST = (2.5, -0.8)  # N m
+JOINT = 0.1  # N m s/rad, damping of the first joint
 
 
 def begun(late: float, seed: int, noise: float = 1e-4, gain: float = 1.0, dry: float = 0.0, load: float = 0.0) -> Run:
@@ -84,6 +85,17 @@ def test_a_position_servo_beside_a_motor_keeps_its_place(tmp_path: Path) -> None
     held = Run("r", run.t, {**run.columns, "command.j2": np.full(len(run.t), 0.3)})
     found = before_of(robot_of(tmp_path, arm_xml(mixed)), held)
     assert found[0] == 0.0 and found[1] == pytest.approx(0.3, abs=1e-3)
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.4, -0.6])
+def test_a_servo_in_motion_held_a_setpoint_ahead_of_it(tmp_path: Path, speed: float) -> None:
+    """Ahead by what its damping takes, 1 / 20 s times the speed, where its first command lies far from where it is."""
+    servos = '<position name="j1" joint="j1" kp="20" kv="1"/><position name="j2" joint="j2" kp="20" kv="1"/>'
+    t = 0.01 * np.arange(40)
+    moving = {"position.j1": 0.2 + speed * t, "position.j2": np.zeros(len(t))}
+    run = Run("r", t, {"command.j1": 2.0 + t, "command.j2": np.zeros(len(t)), **moving})
+    found = before_of(robot_of(tmp_path, arm_xml(servos)), run)
+    assert found == pytest.approx((0.2 + (1.0 + JOINT) / 20.0 * speed, 0.0), abs=1e-6)
 
 
 def test_positions_that_are_not_all_measured_tell_nothing(tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ def _held_before(robot: Robot, run: Run, i: int, signals: Signals, idle: bool) -
     moving, error = _moving(robot, run, i, signals)
     first = {a: float(held(run, f"command.{a}")[0]) for a in robot.actuators}
     joints, out = optional.actuator_joints(robot), list[float | None]()
-    setpoints = reached(robot, i, run.t[:1], signals)[0]
+    setpoints, at_rest = (reached(robot, i, run.t[:1], signals, moves)[0] for moves in (True, False))
     for k, (actuator, joint, kind) in enumerate(zip(robot.actuators, joints, robot.command_kinds, strict=True)):
         measured = {"speed": "velocity", "velocity": "velocity", "position": "position"}.get(kind)
         signal = signals.get((i, f"{measured}.{joint}"))
@@ -49,7 +49,7 @@ def _held_before(robot: Robot, run: Run, i: int, signals: Signals, idle: bool) -
             if kind == "position" and _rests(run, actuator, signal):
                 out.append(first[actuator])
             elif kind == "position" and np.isfinite(setpoints[k]):
-                out.append(_setpoint(float(setpoints[k]), there, first[actuator]))
+                out.append(_setpoint(float(setpoints[k]), float(at_rest[k]), there, first[actuator]))
             else:
                 out.append(there)
         elif kind == "torque":
@@ -71,12 +71,13 @@ def _rests(run: Run, actuator: str, signal: Signal) -> bool:
     return bool(abs(line @ y) <= noise + resolution(signal.y) / RESTING)
 
 
-def _setpoint(needed: float, measured: float, first: float) -> float:
+def _setpoint(needed: float, at_rest: float, measured: float, first: float) -> float:
     """What a position servo held, units of its command: the first command, where load and friction may be why the joint
-    is not there; else where the joint was. measured: the setpoint without any load."""
+    is not there; else where the joint was, ahead of it by what its damping takes at the measured speed. needed: the
+    setpoint that sustains the motion under the load; at_rest: the position alone; measured: without any load."""
     low, high = sorted((needed, measured))
     near = abs(needed - measured)
-    return first if low - near <= first <= high + near else measured
+    return first if low - near <= first <= high + near else measured + needed - at_rest
 
 
 def _still(own: str, moving: Mapping[str, float], error: Mapping[str, float], first: Mapping[str, float]) -> bool:

@@ -14,10 +14,12 @@ from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
 
 
-def reached(robot: Robot, i: int, at: np.ndarray, signals: Mapping[tuple[int, str], Signal]) -> np.ndarray:
+def reached(
+    robot: Robot, i: int, at: np.ndarray, signals: Mapping[tuple[int, str], Signal], moves: bool = True
+) -> np.ndarray:
     """(W, actuators) in units of the commands, NaN where nothing shows it: the measured speed of a wheel, and the
     setpoint of a position servo that sustains the measured motion of its joint; unmeasured joints are taken to be at
-    rest. i: the run's number in the signals; at (W,) s."""
+    rest, and all of them where they are not said to move. i: the run's number in the signals; at (W,) s."""
     motion = {}
     for state in robot.states:
         signal = signals.get((i, state.position))
@@ -25,7 +27,7 @@ def reached(robot: Robot, i: int, at: np.ndarray, signals: Mapping[tuple[int, st
             continue
         fit = local_fit(signal.t, at)
         motion[state.position] = fit.value(signal.y)
-        if state.velocity is not None:
+        if state.velocity is not None and moves:
             rate = signals.get((i, state.velocity))
             slope = fit.slope(signal.y) if rate is None else local_fit(rate.t, at).value(rate.y)
             motion[state.velocity] = np.nan_to_num(slope)

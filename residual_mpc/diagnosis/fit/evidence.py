@@ -68,6 +68,7 @@ def profile_sigma(problem: Problem, fit: Fit, phi: float, settings: FitSettings)
     threshold.
 
     A threshold's derivative says little (a dead zone moves in steps), so its interval is where the cost rises by phi.
+    Of a limit beyond the model's own above which it does not rise, what lies below counts.
     """
     evidence = settings.evidence
     out = np.zeros(len(fit.knobs))
@@ -81,7 +82,8 @@ def profile_sigma(problem: Problem, fit: Fit, phi: float, settings: FitSettings)
         sides = [
             evidence.profile[int(np.argmax(risen[:, s]))] if risen[:, s].any() else evidence.profile[-1] for s in (0, 1)
         ]
-        out[i] = abs(value) * max(sides)
+        open_above = 0.0 < problem.space.reached_limit(knob.term) < value and not risen[:, 1].any()
+        out[i] = abs(value) * (sides[0] if open_above else max(sides))
     return out
 
 

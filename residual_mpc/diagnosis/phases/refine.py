@@ -9,6 +9,7 @@ from residual_mpc.diagnosis.data.gap import Scales, fit_trust, gap_of
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.cross_validation import expected_errors
 from residual_mpc.diagnosis.fit.evidence import blocks_of, least_sure
+from residual_mpc.diagnosis.fit.least_limits import with_least_limits
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
 from residual_mpc.diagnosis.fit.marginalisation import carrying, tolerant
 from residual_mpc.diagnosis.fit.omitted_effects import shifts_beside
@@ -66,6 +67,7 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     polished, vetoed = _heed_encoders(problem, polished, options)
     polished = _choose_numbers(problem, polished, options)
     polished, doubtful = _leave_doubtful(problem, polished, options)
+    polished = with_least_limits(problem, polished, settings.fit)
     final, before = polished.fit, base.fit
     counts, allowed = _outliers_count(prepared, prepared.space.settings([final.values]), rng), _may_be_named(options)
     with_outliers, unnamed = counts and allowed, counts and not allowed
