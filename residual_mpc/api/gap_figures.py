@@ -73,6 +73,7 @@ def gap_figures(
             more.append(found)
     g = {k: v for k, v in headline.items() if k != "channels"}
     found = {**g, "skipped": first.skipped, "channels": headline["channels"], "horizons": [headline, *more]}
+    found["noise_stated"] = set(headline["channels"]) <= set(first.stated)
     clean: dict[str, Any] = finite(found)
     return clean
 

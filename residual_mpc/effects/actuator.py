@@ -258,7 +258,7 @@ BACKLASH = Effect(
         "every gear",
         "the gear of {}",
         located=", and {where}",
-        optional={"damping_behind": "{value} of the joint's friction acts on the link"},
+        optional={"damping_behind": "{value} of the joint's friction sits on the link"},
         shares=("damping_behind",),
     ),
     nouns={"gap": Noun("backlash", article="", inside="in")},

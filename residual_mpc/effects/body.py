@@ -239,7 +239,7 @@ JOINT_COMPLIANCE = Effect(
         "every gear",
         "the gear of {}",
         located=", and {where}",
-        optional={"damping_behind": "{value} of the joint's friction acts on the link"},
+        optional={"damping_behind": "{value} of the joint's friction sits on the link"},
         shares=("damping_behind",),
     ),
     nouns={"stiffness": Noun("stiffness", appears="elasticity", article="", size="stiffness", inside="in")},

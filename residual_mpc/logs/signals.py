@@ -107,12 +107,13 @@ def _sensor_period(values: FloatArray) -> int:
 def resolution(y: FloatArray) -> float:
     """The step of a quantised channel, in its unit; 0 where its values lie on no common grid.
 
-    A grid finer than a few millionths of the largest value cannot be told from the rounding of 32-bit floats.
+    A grid finer than a few millionths of the largest values cannot be told from the rounding of 32-bit floats; a few
+    that jump far away do not count among these.
     """
     values = np.unique(y[np.isfinite(y)])
     if len(values) < 2:
         return 0.0
-    rounding = float(np.finfo(np.float32).eps * np.abs(values).max())
+    rounding = float(np.finfo(np.float32).eps * np.quantile(np.abs(values), 0.99))
     levels = values[np.append(True, np.diff(values) > 4.0 * rounding)]
     # a few levels fit some grid by chance, unless the samples return to them again and again
     if len(levels) < 2 or len(levels) < 6 and len(levels) > 0.25 * np.count_nonzero(np.isfinite(y)):

@@ -31,6 +31,7 @@ def facts_of(robot: Robot) -> RobotFacts:
         optional.sliding(robot),
         optional.limits(robot),
         optional.clamps(robot),
+        robot.nominal().get("wheel_radius") if set(robot.command_kinds) == {"speed"} else None,
     )
 
 

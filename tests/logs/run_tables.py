@@ -15,6 +15,7 @@ ROBOT = RobotFile("rover", "diff_drive")
 WHEELS = RobotFacts(
     (ActuatorFacts("left", "left", "velocity"), ActuatorFacts("right", "right", "velocity")),
     ("velocity.left", "velocity.right", "pose.x", "pose.y", "pose.theta"),
+    wheel_radius=0.1,
 )
 JOINTS = ("a", "b", "c")
 ARM = RobotFacts(

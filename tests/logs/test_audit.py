@@ -56,6 +56,24 @@ def swapped(a: str, b: str) -> Fault:
     return fault
 
 
+def without_encoders(of: Fault) -> Fault:
+    def fault(columns: Columns) -> None:
+        of(columns)
+        for wheel in ("left", "right"):
+            columns.pop(f"velocity.{wheel}", None)
+
+    return fault
+
+
+def frozen(begin: int, end: int) -> Fault:
+    def fault(columns: Columns) -> None:
+        for name in columns:
+            if not name.startswith("command."):
+                columns[name][begin:end] = columns[name][begin]
+
+    return fault
+
+
 def wrapped(name: str, turn: float) -> Fault:
     def fault(columns: Columns) -> None:
         columns[name] = columns[name] * turn / (2.0 * np.pi) % turn
@@ -166,10 +184,24 @@ def test_a_planted_fault_of_an_arm_is_found(fault: Fault, severity: str, kind: s
         (scaled(-1.0, "command.left", "command.right"), "warning", "sign", "command.left"),
         (wrapped("pose.theta", 2.0 * np.pi), "info", "wrapped angle", "pose.theta"),
         (wrapped("pose.theta", 360.0), "error", "degrees", "pose.theta"),
+        (swapped("pose.x", "pose.y"), "error", "swapped", "pose.x"),
+        (scaled(1000.0, "pose.x", "pose.y"), "warning", "unit", "pose.x"),
+        (without_encoders(scaled(30.0 / np.pi, "command.left", "command.right")), "warning", "unit", "command.left"),
+        (without_encoders(scaled(DEG, "command.left", "command.right")), "warning", "unit", "command.left"),
+        (scaled(0.0, "pose.y"), "warning", "stuck sensor", "pose.y"),
+        (frozen(100, 220), "warning", "frozen", "velocity.left"),
     ],
 )
 def test_a_planted_fault_of_a_wheeled_robot_is_found(fault: Fault, severity: str, kind: str, column: str) -> None:
     assert (kind, column) in kinds(audit(with_fault(wheels(), fault), WHEELS), severity)
+
+
+def test_a_sample_that_jumps_far_away_says_nothing_of_units_or_steps() -> None:
+    def fault(columns: Columns) -> None:
+        columns["pose.x"][150] = 1e6
+
+    found = kinds(audit(with_fault(wheels(), fault), WHEELS), "error", "warning", "info")
+    assert ("spikes", "pose.x") in found and not {k for k, _ in found} & {"degrees", "coarse steps", "unit", "swapped"}
 
 
 def test_a_noisy_heading_about_half_a_turn_has_no_outliers() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,6 +21,15 @@ from residual_mpc.logs.run import FloatArray, Run
 
 REACH = 0.5  # s
 CLEAR = 0.7
+FASTEST = 3.0  # times the speed that a robot exceeds for a tenth of the time: faster is no motion
+NEAR = 1.5  # factor within which a ratio of speeds says that a unit is wrong: a wheel's radius may be off as well
+THETA, XY = "multiply pose.theta by pi / 180", "swap pose.x and pose.y under [log] in the robot file"
+UNITS = (  # by how much the robot is then too slow, what is in which unit, and the remedy
+    (30.0 / np.pi, "command.left", "rpm", "multiply the wheel speeds by pi / 30"),
+    (180.0 / np.pi, "command.left", "deg/s", "multiply the wheel speeds by pi / 180"),
+    (1e-3, "pose.x", "mm", "divide pose.x and pose.y by 1000"),
+    (1e-2, "pose.x", "cm", "divide pose.x and pose.y by 100"),
+)
 TURNING = ("pose.theta", "twist.theta")
 
 
@@ -34,7 +44,7 @@ def check_driving(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
         seen = [run for run in driven if name in run.measured]
         findings += _turning(name, seen, dt) if seen else []
     planar = [run for run in driven if {"pose.x", "pose.y", "pose.theta"} <= set(run.measured)]
-    return findings + (_heading(planar, dt) if planar else [])
+    return findings + (_heading(planar, dt, robot.wheel_radius) if planar else [])
 
 
 def _wheels(run: Run, dt: float) -> tuple[FloatArray, FloatArray]:
@@ -101,43 +111,62 @@ def _clearly_late(seen: Follow, usual: float) -> bool:
     return bool(inside and seen.correlation[k] > max(0.8, seen.correlation[there] + 0.05))
 
 
-def _heading(runs: Sequence[Run], dt: float) -> list[Finding]:
-    """The direction in which the robot moves against where it says it points."""
-    along, across, along_degrees, forwards = [], [], [], []
+@dataclass(frozen=True)
+class _Drive:
+    """What a robot does, (n,) each: its speed along its heading and to its left, m/s; the same with the heading in
+    degrees and with x and y exchanged; the mean of its wheels' commands."""
+
+    along: FloatArray
+    across: FloatArray
+    in_degrees: FloatArray
+    exchanged: FloatArray
+    wheels: FloatArray
+
+    def share(self, along: FloatArray) -> float:
+        """Of the motion, that which a speed along the heading holds."""
+        return float(along @ along) / max(float(self.along @ self.along + self.across @ self.across), 1e-300)
+
+
+def _driven(runs: Sequence[Run], dt: float) -> _Drive | None:
+    """None where the robot stands. Samples that jump away are left out."""
+    found: list[tuple[FloatArray, ...]] = []
     for run in runs:
         x, y = (on_grid(run, run.columns[f"pose.{axis}"], dt) for axis in "xy")
         theta = position_on_grid(run, "pose.theta", dt)
-        raw = on_grid(run, run.columns["pose.theta"], dt)
+        degrees = np.radians(on_grid(run, run.columns["pose.theta"], dt))
         if not np.all(np.isfinite(x + y + theta)):
             continue
         vx, vy = np.gradient(_smooth(x), dt), np.gradient(_smooth(y), dt)
         left, right = _wheels(run, dt)
-        along.append(vx * np.cos(theta) + vy * np.sin(theta))
-        across.append(-vx * np.sin(theta) + vy * np.cos(theta))
-        along_degrees.append(vx * np.cos(np.radians(raw)) + vy * np.sin(np.radians(raw)))
-        forwards.append(left + right)
-    if not along:
-        return []
-    forward, sideways, in_degrees, wheels = map(np.concatenate, (along, across, along_degrees, forwards))
-    power = float(forward @ forward + sideways @ sideways)
-    if power <= 0.0:
+        ways = ((vx, vy, theta), (vx, vy, degrees), (vy, vx, theta))
+        along, in_degrees, exchanged = (v * np.cos(at) + w * np.sin(at) for v, w, at in ways)
+        found.append((along, vy * np.cos(theta) - vx * np.sin(theta), in_degrees, exchanged, 0.5 * (left + right)))
+    if not found:
+        return None
+    whole = [np.concatenate(parts) for parts in zip(*found, strict=True)]
+    speed = np.hypot(whole[0], whole[1])
+    usual = FASTEST * float(np.quantile(speed, 0.9))
+    keep = speed <= usual if usual > 0.0 else np.ones(len(speed), dtype=bool)
+    drive = _Drive(*(part[keep] for part in whole))
+    return drive if float(drive.along @ drive.along + drive.across @ drive.across) > 0.0 else None
+
+
+def _heading(runs: Sequence[Run], dt: float, radius: float | None) -> list[Finding]:
+    """The direction in which the robot moves against where it says it points, and its speed against its wheels'."""
+    drive = _driven(runs, dt)
+    if drive is None:
         return []
     # a wheeled robot moves where it points: nearly all of its speed lies along its heading
-    share, share_degrees = float(forward @ forward) / power, float(in_degrees @ in_degrees) / power
-    if share < 0.7 and share_degrees > 0.9:
-        return [
-            Finding(
-                "error",
-                "degrees",
-                "",
-                "pose.theta",
-                None,
-                f"only {share:.0%} of the motion is along the heading, {share_degrees:.0%} if pose.theta is in degrees",
-                "multiply pose.theta by pi / 180",
-            )
-        ]
-    norm = np.sqrt((forward @ forward) * (wheels @ wheels))
-    cosine = float(forward @ wheels / norm) if norm > 0.0 else 0.0
+    share = drive.share(drive.along)
+    for along, severity, kind, channel, if_, remedy in (
+        (drive.in_degrees, "error", "degrees", "pose.theta", "pose.theta is in degrees", THETA),
+        (drive.exchanged, "error", "swapped", "pose.x", "pose.x and pose.y are exchanged", XY),
+    ):
+        if share < 0.7 and drive.share(along) > 0.9:
+            message = f"only {share:.0%} of the motion is along the heading, {drive.share(along):.0%} if {if_}"
+            return [Finding(severity, kind, "", channel, None, message, remedy)]  # type: ignore[arg-type]
+    norm = np.sqrt((drive.along @ drive.along) * (drive.wheels @ drive.wheels))
+    cosine = float(drive.along @ drive.wheels / norm) if norm > 0.0 else 0.0
     if share > 0.8 and cosine < -0.5:
         return [
             Finding(
@@ -150,6 +179,17 @@ def _heading(runs: Sequence[Run], dt: float) -> list[Finding]:
                 "flip the sign of the wheel speeds, or add pi to pose.theta",
             )
         ]
+    return _units(drive, radius) if radius is not None and share > 0.8 and cosine > CLEAR else []
+
+
+def _units(drive: _Drive, radius: float) -> list[Finding]:
+    """Wheel speeds and positions in units that make the robot far slower or faster than its wheels turn."""
+    speed = radius * drive.wheels
+    ratio = float(drive.along @ speed) / float(speed @ speed)
+    for factor, channel, unit, remedy in UNITS:
+        if abs(np.log(ratio * factor)) < np.log(NEAR):
+            message = f"the robot drives {ratio:.4g} times as fast as its wheels turn: {channel} may be in {unit}"
+            return [Finding("warning", "unit", "", channel, None, message, remedy)]
     return []
 
 

@@ -38,6 +38,7 @@ class RobotFacts:
         sliding: joints that slide (m) and do not turn (rad).
         limits: range of each joint that has one, rad or m.
         clamps: range of each command that the model clips, its unit.
+        wheel_radius: m, of a robot whose commands are wheel speeds.
     """
 
     actuators: tuple[ActuatorFacts, ...]
@@ -45,3 +46,4 @@ class RobotFacts:
     sliding: frozenset[str] = frozenset()
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     clamps: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    wheel_radius: float | None = None

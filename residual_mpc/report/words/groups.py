@@ -8,6 +8,7 @@ from residual_mpc.report.words.numbers import listed
 
 LIKELIER = 2.0  # times the probability of a group's named member, from which another is worth a word
 DOUBTED = 0.9  # probability below which the other members are named beside an effect
+LIKELY, MOST = 0.5, 0.97  # probabilities of a group, from which it is stated and the largest
 LISTED = 3  # other members named beside an effect; more are counted
 
 Member = Mapping[str, Any] | Sequence[Mapping[str, Any]]  # several act together
@@ -41,11 +42,15 @@ def _is_on_all(member: Member) -> bool:
 
 
 def group_sentence(group: Sequence[Member], document: Mapping[str, Any] | None = None) -> str:
-    """ "On these runs command delay and sensor delay cannot be told apart."; document: the diagnosis.json, for a member
-    that is clearly likelier than the one that stands in the explanation."""
+    """ "On these runs command delay and sensor delay cannot be told apart; one of them is there (0.97)."; document: the
+    diagnosis.json, for the probability of the group and of a member that is clearly likelier than the one that stands
+    in the explanation."""
     text = f"On these runs {listed(member_names(group))} cannot be told apart"
     likelier = None if document is None else _likelier(group, document)
-    return f"{text}." if likelier is None else f"{text}; {likelier} is likelier."
+    if likelier is not None:
+        return f"{text}; {likelier} is likelier."
+    together = None if document is None else _together(group, document)
+    return f"{text}." if together is None else f"{text}; one of them is there ({together:.2f})."
 
 
 def or_else(effect: Mapping[str, Any], document: Mapping[str, Any]) -> str:
@@ -84,6 +89,17 @@ def _keys(member: Member) -> list[tuple[str, str | None]]:
 
 def _probabilities(document: Mapping[str, Any]) -> dict[tuple[str, str | None], float]:
     return {(c["effect"], c.get("target")): float(c["probability"]) for c in document.get("candidates") or ()}
+
+
+def _together(group: Sequence[Member], document: Mapping[str, Any]) -> float | None:
+    """The probability that one of the members is there, where that is likely; None where it is not, or where members
+    have no probability of their own, such as pairs."""
+    keys = [_keys(member) for member in group]
+    probability = _probabilities(document)
+    if any(len(mine) > 1 or mine[0] not in probability for mine in keys):
+        return None
+    total = min(sum(probability[mine[0]] for mine in keys), MOST)
+    return total if total >= LIKELY else None
 
 
 def _likelier(group: Sequence[Member], document: Mapping[str, Any]) -> str | None:
