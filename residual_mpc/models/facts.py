@@ -10,6 +10,7 @@ from residual_mpc.logs.run import Run
 from residual_mpc.models import optional
 from residual_mpc.models.parameter_units import command_units
 from residual_mpc.models.protocol import Robot
+from residual_mpc.models.robot_file import WHEELS
 
 PLACE, HEADING = ("pose.x", "pose.y"), "pose.theta"
 
@@ -31,7 +32,7 @@ def facts_of(robot: Robot) -> RobotFacts:
         optional.sliding(robot),
         optional.limits(robot),
         optional.clamps(robot),
-        robot.nominal().get("wheel_radius") if set(robot.command_kinds) == {"speed"} else None,
+        robot.nominal().get(WHEELS[0]) if set(robot.command_kinds) == {"speed"} else None,
     )
 
 
