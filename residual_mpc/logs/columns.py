@@ -63,4 +63,6 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     near = difflib.get_close_matches(name, words, n=1)
     if near:
         return f"did you mean {near[0]!r}?"
+    if not words:
+        return "nothing else is there"
     return "known here: " + ", ".join(words[:40]) + (", ..." if len(words) > 40 else "")

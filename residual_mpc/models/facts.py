@@ -53,7 +53,8 @@ def check_columns(runs: Sequence[Run], robots: Sequence[Robot]) -> None:
                 )
         for actuator in robot.actuators:
             if f"command.{actuator}" not in run.columns:
-                there = [*run.columns, *run.extra]
+                taken = {*robot.channels, *(f"command.{a}" for a in robot.actuators)}
+                there = [c for c in (*run.columns, *run.extra) if c not in taken]
                 if {"command.linear", "command.angular"} <= set(run.columns):
                     raise BadInput(
                         f"column command.{actuator} is missing, and a body velocity needs the geometry of the wheels",

@@ -111,7 +111,7 @@ def check_log(robot: ColumnNames, tables: Sequence[Sequence[str]]) -> None:
                 raise BadInput(
                     f'[log] maps "{name}" to column {column!r}, which no table has',
                     robot.source,
-                    did_you_mean(column, known),
+                    did_you_mean(column, (c for c in known if c not in log.values())),
                 )
 
 
