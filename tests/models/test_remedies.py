@@ -20,7 +20,7 @@ T = 0.1 * np.arange(5)
     ("extra", "said"),
     [
         ((), "nothing else is there"),
-        (("cmd_left",), "known here: cmd_left"),
+        (("current",), "known here: current"),
         (("command_left",), "did you mean 'command_left'"),
     ],
 )
