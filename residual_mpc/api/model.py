@@ -186,7 +186,7 @@ class AugmentedModel:
         """A linear quadratic regulator along a path (controllers.lqr.Lqr).
 
         Args:
-            path: (n, ny) what is tracked, a row a sample of dt.
+            path: (n, ny) what is tracked, one row per sample of dt.
             settings: as in `mpc`.
 
         Raises:
@@ -196,7 +196,7 @@ class AugmentedModel:
         check_last("path", path, tracked)
         if np.ndim(path) != 2 or not len(path) or not np.isfinite(path).all():
             raise BadInput(
-                f"the path must have a row a sample and finite values, got {np.shape(path)} with "
+                f"the path must have one row per sample and finite values, got {np.shape(path)} with "
                 f"{np.count_nonzero(~np.isfinite(path))} that are not", "path", f"give (n, {len(tracked)}) values",
             )  # fmt: skip
         return controller("lqr")(self.augmented, path, settings)

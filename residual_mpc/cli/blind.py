@@ -76,7 +76,8 @@ def make(
         emit({"make": {"cases": len(made.suite.cases), "failed": len(made.failed), "suite": str(out),
                        "answers": str(kept), "seeds": made.suite.seeds}})  # fmt: skip
         return
-    click.echo(f"{len(made.suite.cases)} cases in {out}, sealed answers in {kept}")
+    cases = len(made.suite.cases)
+    click.echo(f"{cases} case{'s' if cases != 1 else ''} in {out}, sealed answers in {kept}")
 
 
 @blind.command()

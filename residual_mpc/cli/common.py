@@ -74,7 +74,7 @@ def show_findings(findings: "Sequence[Finding]") -> None:
     noted = sum(f.severity == "info" for f in findings)
     if noted:
         click.echo(
-            f"note: {noted} more remark{'s' if noted > 1 else ''}; run `residual-mpc check` to list "
+            f"note: {noted} further remark{'s' if noted > 1 else ''}; run `residual-mpc check` to list "
             f"{'them' if noted > 1 else 'it'}",
             err=True,
         )

@@ -206,7 +206,7 @@ def _next_experiment(document: dict[str, Any], out: Path) -> None:
     following = document["next_experiment"]
     if following:
         click.echo(f"  next experiment: {following['what']}")
-        planned = out / following["commands"] if following["commands"] else f"plan with: {following['excite']}"
+        planned = out / following["commands"] if following["commands"] else f"run {following['excite']} to plan them"
         click.echo(f"  commands: {planned}")
 
 

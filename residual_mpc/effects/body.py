@@ -259,7 +259,7 @@ LINK_LENGTH = Effect(
     summary="a link longer or shorter than modelled",
     null_target=False,
     site="length",
-    unseen="the joints before it hardly move, or carry little",
+    unseen="the joints before it hardly move, or they carry little",
     phrase=Phrase("{who} is {offset} longer than modelled"),
     nouns={"offset": Noun("length", "excess")},
 )

@@ -186,7 +186,7 @@ class Effect:
     proposed: bool = False  # a first look is worth taking only where what is left suggests it, not at the probes
     seconds: float = 0.0  # s that a run has to last for the effect to show
     lacking: str = ""  # why a robot whose joints are measured cannot show it, where it has no place for the effect
-    unseen: str = "its strongest plausible dose moves the prediction by less than the noise"  # why runs do not show it
+    unseen: str = "its largest plausible size moves the prediction by less than the noise"  # why runs do not show it
     imitates: frozenset[str] = frozenset()  # dependences of a remainder that this effect is mistaken for
     # fitted laws that are this effect: what they add, the quantity (None for any) and their form
     laws: tuple[tuple[str, str | None, str], ...] = ()

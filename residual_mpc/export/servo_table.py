@@ -1,4 +1,4 @@
-"""The table of servos as CSV: one file with a row a servo, one with a row a number."""
+"""The table of servos as CSV: one file with one row per servo, one with one row per number."""
 
 import csv
 import io
@@ -53,7 +53,7 @@ def write_servo_table(
     document = {
         "to": "servo-table",
         "robot": robot.name,
-        "files": {TABLE: f"a row a servo{variants}", NUMBERS_FILE: "the same, a row a number, with units"},
+        "files": {TABLE: f"one row per servo{variants}", NUMBERS_FILE: "the same, one row per number, with units"},
         "servos": [row.document() for row in rows],
         "across": [{"actuator": a, "number": n, **asdict(x)} for (a, n), x in together.items() if x.named],
         "left_out": list(network_in(written)),

@@ -215,7 +215,7 @@ def _driven_geometry(
         return {}
     said = ((radius, "at least about"), (radius / rate, "about"))  # slow motors fall short of fast commands
     return {
-        name: f" (these runs move as with {much} {value:.2g} m)"
+        name: f" (these runs suggest {much} {value:.2g} m)"
         for name, (value, much) in zip(WHEELS, said, strict=True)
     }
 

@@ -236,7 +236,7 @@ def _actuator(
         if kind == "velocity":
             return Actuator("velocity", kv=gain), guesses
         damping = _round(gain * max(SERVO_LAG[0] * lag, SERVO_LAG[1]))
-        why = f"a position servo without damping would swing; chosen for a lag of {damping / gain:.2g} s"
+        why = f"a position servo without damping would oscillate; chosen for a lag of {damping / gain:.2g} s"
         guesses.append(Guess(f"{where}.kv", f"{damping:g} {'N s/m' if slides else 'N m s/rad'}", why, 0.1))
         return Actuator("position", kp=gain, kv=damping), guesses
     gain, damping = _round(fit.gain), _round(fit.damping)

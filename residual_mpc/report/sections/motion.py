@@ -47,7 +47,7 @@ def _shown(clip: Clip, evidence: Evidence) -> Document:
         "to": start + clip.seconds,
         "before": clip.before,
         "after": clip.after,
-        "speed": "" if abs(speed - 1.0) < 0.05 else f"shown at {number(speed, 2)} times its speed",
+        "speed": "" if abs(speed - 1.0) < 0.05 else f"shown at {number(speed, 2)} times real speed",
         "moving": base64.b64encode(animation.moving(clip)).decode(),
         "still": base64.b64encode(animation.still(clip)).decode(),
         "width": width,
