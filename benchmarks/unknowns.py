@@ -33,7 +33,7 @@ RIGHT = {
     "hot_motors": ("work", "time"),
     "uneven_friction": ("angle", "position"),
     "belt_between_joints": ("speed",),
-    "eccentric_encoders": ("angle", "position"),
+    "crossed_encoders": ("position",),
     "shared_supply": ("work", "command", "load"),
 }
 CLOSED = 0.6  # of the gap on runs that no fit has seen: the goal for what a fitted law removes

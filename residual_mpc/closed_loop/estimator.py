@@ -18,7 +18,7 @@ from residual_mpc.effects.ops import NUMPY
 from residual_mpc.export.augmented import Augmented
 from residual_mpc.export.casadi_model import casadi_model
 from residual_mpc.export.compiled import Buffered, buffered, compiled, compiler
-from residual_mpc.models.sensing import SINCE_START, sensor_value, unscaled
+from residual_mpc.models.sensing import SINCE_START, Curve, sensor_value, swing_of
 
 AGES: tuple[Quantity, ...] = ("reading delay", "reading lag")
 SMALL = 15_000  # instructions, beyond which compiling takes longer than an estimator with one call per sample saves
@@ -146,7 +146,7 @@ class Filter:
         return x, 0.5 * (P + P.T), 0
 
     def _pose(self, reading: Reading, origin: np.ndarray) -> np.ndarray:
-        """(ny,) the measured pose with bias, scale and mounting undone; NaN where nothing was reported."""
+        """(ny,) the measured pose with bias, eccentricity, scale and mounting undone; NaN where nothing came."""
         poses, settings = self.model.stepped.poses, self.model.settings
         y = np.array([reading.get(c, np.nan) for c in poses], dtype=np.float64)
         for i, c in enumerate(poses):
@@ -154,8 +154,8 @@ class Filter:
             if offset is not None:
                 y[i] -= offset[0]
             scale = sensor_value(self.model.robot, settings, "reading scale", c)
-            if scale is not None:
-                y[i] = unscaled(y[i], scale[0], origin[i] if c in SINCE_START else 0.0)
+            swing = swing_of(self.model.robot, settings, c)
+            y[i] = Curve(scale, origin[i] if c in SINCE_START else 0.0, swing).true(y[i : i + 1])[0]
         for effect, values in present(settings.effects, "point"):
             assert effect.undo is not None
             y[0], y[1] = effect.undo(NUMPY, {k: v[0, 0] for k, v in values.items()}, y[0], y[1], y[2])

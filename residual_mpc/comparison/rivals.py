@@ -1,6 +1,6 @@
 """What could stand in place of each change: confounded groups, and each candidate's share of the likelihood."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -71,8 +71,7 @@ def find_change_rivals(
     together = max(found.account.cost - found.fit.cost, 1e-12)
     share = {c.term: (_rest_of(problem, found, c, settings).cost - found.fit.cost) / together for c in found.changes}
     for change in found.changes:
-        aside = [c for c in found.changes if c.term != change.term and share.get(c.term, 1.0) < settings.faint]
-        main = _without(problem, found, aside, settings)
+        main = _without_faint(problem, found, change, share, settings)
         rest = _rest_of(problem, main, change, settings)
         fits = _in_place_of(problem, main.fit, change.term, rest, units, settings)
         beyond = {change.term: 0.0} | {
@@ -80,7 +79,7 @@ def find_change_rivals(
             for term, pair in fits.items()
         }
         ratios = {term: ratio - min(beyond.values()) for term, ratio in beyond.items()}
-        alone = _alone_as_good(problem, main, change, fits, ratios, units, settings)
+        alone = _alone_as_good(problem, found, change, fits, ratios, units, settings)
         if alone is not None:
             return find_change_rivals(problem, alone, units, settings)
         leading = next(term for term, ratio in ratios.items() if ratio == 0.0)
@@ -98,6 +97,24 @@ def find_change_rivals(
             if len(found.changes) < len(share):  # it was there already
                 return find_change_rivals(problem, found, units, settings)
     return ChangeRivals(found, tuple(groups), places, parts)
+
+
+def _without_faint(
+    problem: Problem,
+    found: FoundChanges,
+    change: FoundChange,
+    share: Mapping[Term, float],
+    settings: ComparisonSettings,
+) -> FoundChanges:
+    """Without the other changes that explain next to nothing, the faintest first, as far as all of them together do.
+    share: of what all changes explain, that which only each of them does."""
+    faint = [c for c in found.changes if c.term != change.term and share.get(c.term, 1.0) < settings.faint]
+    together = max(found.account.cost - found.fit.cost, 1e-12)
+    for count in range(len(faint), 0, -1):
+        main = _without(problem, found, sorted(faint, key=lambda c: share[c.term])[:count], settings)
+        if main.fit.cost - found.fit.cost < settings.faint * together:
+            return main
+    return found
 
 
 def _rest_of(problem: Problem, found: FoundChanges, change: FoundChange, settings: ComparisonSettings) -> Fit:

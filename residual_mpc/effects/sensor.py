@@ -123,9 +123,9 @@ ENCODER_ECCENTRICITY = Effect(
     step=off_axis,
     null_target=False,
     site="encoder",
-    unseen="the joint turns by a small part of a turn",
+    unseen="the joint covers only a small part of a turn",
     imitates=frozenset({"position"}),
-    phrase=Phrase("{who} errs by {amplitude} either way over a turn, as an encoder does that sits off its axis"),
+    phrase=Phrase("{who} is off by up to {amplitude} either way, once per turn, as with an off-axis encoder"),
     nouns={"amplitude": Noun("error of the encoder over a turn", "own", "encoder eccentricity", "an", "amplitude")},
     not_in_mjcf=READ_ELSEWHERE,
 )

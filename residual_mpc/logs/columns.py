@@ -64,5 +64,5 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     if near:
         return f"did you mean {near[0]!r}?"
     if not words:
-        return "nothing else is there"
+        return "no other column is unassigned"
     return "known here: " + ", ".join(words[:40]) + (", ..." if len(words) > 40 else "")

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -17,6 +18,8 @@ Readings = Mapping[str, np.ndarray]  # channel -> (rows,)
 # Channels that count from where a run began: an integrated rate has no zero of its own, so a scale acts on what is
 # turned since then.
 SINCE_START = ("pose.theta",)
+FLATTEST = 0.3  # of a reading's usual slope, the least that it is taken to have
+INVERTING = 6  # Newton steps from a reading to the angle behind it, at an amplitude of at most half a radian
 SKEWED = 1.0  # s by which a clock makes readings late at most, of a robot that is stepped: bounds the memory
 
 
@@ -69,6 +72,37 @@ def unscaled(reading: np.ndarray, scale: np.ndarray, origin: np.ndarray | float)
     return np.asarray((reading - (1.0 - scale) * origin) / scale)
 
 
+@dataclass(frozen=True)
+class Curve:
+    """What a channel reads of true values, delay, low-pass and bias aside. scale, None for 1; origin: what a scale
+    leaves alone; swing: the numbers of an encoder off its axis, None where it sits on it. All broadcast over the
+    values."""
+
+    scale: np.ndarray | None
+    origin: np.ndarray | float
+    swing: Mapping[str, np.ndarray] | None
+
+    def read(self, true: np.ndarray) -> np.ndarray:
+        plain = true if self.scale is None else scaled(true, self.scale, self.origin)
+        return plain if self.swing is None else np.asarray(plain + off_axis(NUMPY, self.swing, true))
+
+    def true(self, reading: np.ndarray) -> np.ndarray:
+        """The values behind readings, by Newton's method where an encoder is off its axis."""
+        true = reading if self.scale is None else unscaled(reading, self.scale, self.origin)
+        for _ in range(INVERTING if self.swing is not None else 0):
+            true = true - (self.read(true) - reading) / self.slope(true)
+        return true
+
+    def slope(self, true: np.ndarray) -> np.ndarray | float:
+        """How fast the readings change with the true values; at least FLATTEST of what they do on the axis, where an
+        encoder that turns back could mean several angles."""
+        plain: np.ndarray | float = 1.0 if self.scale is None else self.scale
+        if self.swing is None:
+            return plain
+        bent = plain + self.swing["amplitude"] * np.cos(true + self.swing["phase"])
+        return np.asarray(np.maximum(bent, FLATTEST * plain))
+
+
 def mounted_at(settings: Settings, true: Readings) -> dict[str, np.ndarray]:
     """The channels (rows,) with the position of the tracked point."""
     out = dict(true)
@@ -86,11 +120,8 @@ def sensed(robot: SensedRobot, settings: Settings, true: Readings, first: Readin
     out = dict(true)
     for channel, value in out.items():
         scale = sensor_value(robot, settings, "reading scale", channel)
-        swing = swing_of(robot, settings, channel)
-        errs = 0.0 if swing is None else off_axis(NUMPY, swing, value)
-        if scale is not None:
-            value = scaled(value, scale, first[channel] if channel in SINCE_START else 0.0)
-        out[channel] = value = value + errs
+        origin = first[channel] if channel in SINCE_START else 0.0
+        out[channel] = value = Curve(scale, origin, swing_of(robot, settings, channel)).read(value)
         bias = sensor_value(robot, settings, "reading offset", channel)
         if bias is not None:
             out[channel] = value + bias

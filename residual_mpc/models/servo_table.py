@@ -6,6 +6,7 @@ from math import hypot
 from typing import Any, NamedTuple
 
 from residual_mpc.effects.actuator import POSITION_GAIN
+from residual_mpc.effects.body import VISCOUS
 from residual_mpc.effects.command import COMMAND_DELAY
 from residual_mpc.effects.servo.motor import Motor
 from residual_mpc.effects.servo.numbers import (
@@ -173,8 +174,8 @@ def _as_scaled(at: ActuatorValues, row: ServoRow) -> float:
     """The servo's damping as a gain of the whole servo leaves it, without what a friction takes from it."""
     found = {v.name: v for v in row.values}
     stiffness, servo = found.get(SERVO_STIFFNESS), found.get(SERVO_DAMPING)
-    if stiffness is not None and POSITION_GAIN.name in stiffness.effects:
-        return at.damping
+    if stiffness is not None and POSITION_GAIN.name in stiffness.effects:  # whose stiffness says nothing of the damping
+        return at.damping if servo is None or servo.value is None or VISCOUS.name in servo.effects else servo.value
     if stiffness is not None and stiffness.value is not None and at.stiffness > 0.0:
         return at.damping * stiffness.value / at.stiffness
     return at.damping if servo is None or servo.value is None else servo.value

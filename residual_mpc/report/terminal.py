@@ -51,7 +51,7 @@ def gap_lines(gap: Document) -> list[str]:
     lines += _reference(gap)
     lines += _doubts(gap, other)
     if not other and not gap.get("noise_stated", True):
-        lines.append("the noise is estimated beside this model's errors, so that the floor may be lower")
+        lines.append("the noise estimate includes some model error; the true floor may be lower")
     if gap["still"]:
         lines.append(f"left out since they hardly move: {', '.join(gap['still'])}")
     if gap["skipped"]:

@@ -93,6 +93,21 @@ def test_readings_lead_back_to_the_angle(tmp_path: Path, scale: float) -> None:
     np.testing.assert_allclose(rate, 2.0, atol=1e-5)
 
 
+def test_an_encoder_that_would_turn_back_does_no_harm(tmp_path: Path) -> None:
+    """A scale of 0.3 under an amplitude of 0.5: no angle is unique, and none runs away."""
+    robot, runs = robot_and_runs(tmp_path, 1.8)
+    data = build_dataset(runs.runs[:1], [robot.model], {})
+    row = {Knob("encoder_eccentricity", CHANNEL, p): v for p, v in (("amplitude", 0.5), ("phase", 0.4))}
+    row[Knob("sensor_scale", CHANNEL, "scale")] = 0.3
+    slots = {e: robot.model.slots(e) for e in ("encoder_eccentricity", "sensor_scale")}
+    reading = reading_of(data, data.blocks[0], assemble([row], slots), CHANNEL)
+    seen = np.linspace(-1.0, 1.0, data.count)[None, :]
+    back = reading.memory(seen)
+    assert np.abs(back).max() < 2.0 / 0.3 + 2.0 * np.pi
+    rate = reading.rate(LocalValue(seen, np.ones_like(seen), np.zeros_like(seen)))
+    assert np.isfinite(rate).all() and np.abs(rate).max() < 20.0
+
+
 def test_a_stepped_robot_reads_the_same(tmp_path: Path) -> None:
     robot, _ = robot_and_runs(tmp_path, 0.3)
     slots = {"encoder_eccentricity": robot.model.slots("encoder_eccentricity")}

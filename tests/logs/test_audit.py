@@ -204,6 +204,37 @@ def test_a_sample_that_jumps_far_away_says_nothing_of_units_or_steps() -> None:
     assert ("spikes", "pose.x") in found and not {k for k, _ in found} & {"degrees", "coarse steps", "unit", "swapped"}
 
 
+def test_normal_logs_are_not_said_to_be_stuck_or_frozen() -> None:
+    """A straight drive along an axis, wheels inside a dead zone, a localisation at 1 Hz, torques on wheels."""
+    t = 0.05 * np.arange(600)
+    straight = {"command.left": np.ones(600), "command.right": np.ones(600), "pose.x": 0.1 * t}
+    straight |= {"pose.y": np.zeros(600), "pose.theta": np.zeros(600)}
+    slow = wheels()[0]
+    every = np.arange(len(slow.t)) // 20 * 20
+    held_pose = {n: y[every] if n.startswith("pose.") else y for n, y in slow.columns.items() if "velocity" not in n}
+    for columns in (straight, held_pose):
+        found = kinds(audit([Run("r", t[: len(columns["pose.x"])], columns)], WHEELS), "error", "warning")
+        assert not {kind for kind, _ in found} & {"stuck sensor", "frozen"}
+    torques = replace(WHEELS, actuators=tuple(replace(a, kind="torque") for a in WHEELS.actuators))
+    assert not {k for k, _ in kinds(audit([Run("r", t, straight)], torques))} & {"stuck sensor", "frozen"}
+
+
+def test_a_robot_that_mostly_stands_still_shows_degrees_as_well() -> None:
+    def fault(columns: Columns) -> None:
+        columns["pose.theta"] *= DEG
+
+    def standing(run: Run) -> Run:
+        rows = 12000
+        columns = {
+            n: np.concatenate([y, np.full(rows, 0.0 if n.startswith("command") else y[-1])])
+            for n, y in run.columns.items()
+        }
+        return Run(run.name, 0.05 * np.arange(len(columns["pose.x"])), columns)
+
+    found = kinds(audit([standing(r) for r in with_fault(wheels(), fault)], WHEELS), "error")
+    assert ("degrees", "pose.theta") in found
+
+
 def test_a_noisy_heading_about_half_a_turn_has_no_outliers() -> None:
     """It changes its sign for a single sample now and then."""
     t = np.arange(0.0, 20.0, 0.05)

@@ -19,7 +19,7 @@ T = 0.1 * np.arange(5)
 @pytest.mark.parametrize(
     ("extra", "said"),
     [
-        ((), "nothing else is there"),
+        ((), "no other column is unassigned"),
         (("current",), "known here: current"),
         (("command_left",), "did you mean 'command_left'"),
     ],

@@ -363,8 +363,9 @@ DELAY = {"effect": "command_delay", "target": None}
     [
         ([GAIN, RATIO], (0.02, 0.76), "; wheel radius mismatch (0.76) is likelier."),
         ([RATIO, GAIN], (0.02, 0.76), "; wheel radius mismatch (0.76) is likelier."),  # wherever the named one stands
-        ([GAIN, RATIO], (0.40, 0.45), "; one of them is there (0.85)."),
-        ([GAIN, RATIO], (0.96, 0.9), "; one of them is there (0.97)."),  # where one includes the other
+        ([GAIN, RATIO], (0.40, 0.45), "; one of them is present (probability 0.85)."),
+        ([GAIN, RATIO], (0.96, 0.9), "; one of them is present (probability 0.97)."),
+        ([DELAY, RATIO], (0.4, 0.45), "."),  # none of them is named
         ([GAIN, RATIO], (0.2, 0.25), "."),
         ([DELAY, RATIO], (0.02, 0.76), "."),  # none of them is named
         ([RATIO, [GAIN, DELAY]], (0.02, 0.76), "."),  # a pair has no probability of its own

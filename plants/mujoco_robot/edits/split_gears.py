@@ -124,7 +124,7 @@ def _bare(model: "mujoco.MjModel", gears: Gears, tendons: int) -> None:
         getattr(model, field)[gears.numbers] = 0.0
     for field in ("tendon_stiffness", "tendon_damping", "tendon_frictionloss", "tendon_armature"):
         getattr(model, field)[tendons:] = 0.0
-    model.tendon_solimp_fri[gears.links] = STOP_SOLIMP  # which sticks, as added friction does
+    model.tendon_solimp_fri[gears.links] = STOP_SOLIMP  # stiff enough to hold at rest, as for added friction
     model.jnt_actfrclimited[gears.numbers] = 0
     model.jnt_limited[gears.numbers] = 1
     model.jnt_range[gears.numbers] = (-FAR, FAR)

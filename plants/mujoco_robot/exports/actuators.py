@@ -11,7 +11,9 @@ from residual_mpc.effects.library import BY_NAME, changes
 from residual_mpc.models.actuator_values import ActuatorValues
 from residual_mpc.models.settings import Settings
 
-OF_ACTUATORS = {"command", "strength", "limit", "dry friction", "friction", "damping", "rotor"}  # sites of effects
+OF_ACTUATORS = {  # sites of effects
+    "command", "strength", "position gain", "limit", "dry friction", "friction", "damping", "rotor",
+}  # fmt: skip
 
 
 def actuator_values(robot: CompiledRobot, settings: Settings) -> tuple[ActuatorValues, ...]:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 LINES = {
     "command",
     "strength",
+    "position gain",
     "limit",
     "dry friction",
     "damping",

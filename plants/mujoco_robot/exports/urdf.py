@@ -27,6 +27,7 @@ TUNED = {"damping", "frictionloss", "mass"}  # ends of the names of nominal para
 LACKS = {  # site of an effect -> why a URDF does not say it
     "rotor": "URDF has no rotor inertia",
     "strength": "URDF has no actuators",
+    "position gain": "URDF has no actuators",
     "elastic": "URDF has no springs or constant torques",
     "stop": "its limits are those of the controller",
     "gravity": "URDF does not say where the base stands",

@@ -229,7 +229,8 @@ class CompiledRobot:
     @property
     def _damped_servos(self) -> tuple[str, ...]:
         """Position servos with damping of their own; of one without it the position gain is the actuator's gain."""
-        damped = self.servo & (self.model.actuator_biasprm[:, 2] < 0.0)
+        models = [part.model for part in self.settings] or [self.model]
+        damped = self.servo & np.all([m.actuator_biasprm[:, 2] < 0.0 for m in models], axis=0)
         return tuple(a for a, own in zip(self.actuators, damped.tolist(), strict=True) if own)
 
     @property

@@ -68,7 +68,7 @@ def profile_sigma(problem: Problem, fit: Fit, phi: float, settings: FitSettings)
     threshold.
 
     A threshold's derivative says little (a dead zone moves in steps), so its interval is where the cost rises by phi.
-    Of a limit beyond the model's own above which it does not rise, what lies below counts.
+    For a limit beyond the model's own with a flat cost above, only the lower side counts.
     """
     evidence = settings.evidence
     out = np.zeros(len(fit.knobs))

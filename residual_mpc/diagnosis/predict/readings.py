@@ -5,12 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Block, Dataset
-from residual_mpc.effects.ops import NUMPY
-from residual_mpc.effects.sensor import lateness, off_axis
-from residual_mpc.models.sensing import SINCE_START, scaled, sensor_value, swing_of, unscaled
+from residual_mpc.effects.sensor import lateness
+from residual_mpc.models.sensing import SINCE_START, Curve, sensor_value, swing_of
 from residual_mpc.models.settings import Settings
-
-INVERTING = 6  # Newton steps from a reading to the angle behind it, at an amplitude of at most half a radian
 
 
 @dataclass(frozen=True)
@@ -56,7 +53,9 @@ class Reading:
 
     def of(self, true: np.ndarray) -> np.ndarray:
         """(H, W, M) readings of true values (H, W, M), delay and low-pass aside."""
-        return np.asarray(self._bent(true) + self.bias[:, :, None])
+        deep = {k: v[:, :, None] for k, v in self.swing.items()} if self.swing is not None else None
+        scale = None if self.scale is None else self.scale[:, :, None]
+        return np.asarray(Curve(scale, self.origin[:, :, None], deep).read(true) + self.bias[:, :, None])
 
     def true(self, fit: LocalValue) -> np.ndarray:
         """(H, W) true values behind what is read, delay aside: a low-pass' input is y + lag dy/dt."""
@@ -64,32 +63,19 @@ class Reading:
 
     def memory(self, value: np.ndarray) -> np.ndarray:
         """(H, W) what the low-pass holds when its output is read as these values (H, W), in true units."""
-        value = value - self.bias
-        true = value if self.scale is None else unscaled(value, self.scale, self.origin)
-        for _ in range(INVERTING if self.swing is not None else 0):
-            true = true - (self._bent(true[:, :, None])[:, :, 0] - value) / self._slope(true)
-        return true
+        return self._curve.true(value - self.bias)
 
     def rate(self, fit: LocalValue) -> np.ndarray:
         """(H, W) rates of the true values, per second, behind what is read."""
         rate = fit.slope if self.lag is None else _ahead(fit.slope, fit.curvature, self.lag)
         rate = rate if self.skew is None else rate * (1.0 + self.skew)
-        if self.swing is not None:
-            return np.asarray(rate / self._slope(self.true(fit)))
-        return rate if self.scale is None else np.asarray(rate / self.scale)
+        if self.scale is None and self.swing is None:
+            return rate
+        return np.asarray(rate / self._curve.slope(self.true(fit)))
 
-    def _bent(self, true: np.ndarray) -> np.ndarray:
-        """(H, W, M) readings of true values (H, W, M), delay, low-pass and bias aside."""
-        read = true if self.scale is None else scaled(true, self.scale[:, :, None], self.origin[:, :, None])
-        if self.swing is None:
-            return read
-        return np.asarray(read + off_axis(NUMPY, {k: v[:, :, None] for k, v in self.swing.items()}, true))
-
-    def _slope(self, true: np.ndarray) -> np.ndarray:
-        """(H, W) how fast the readings change with the true values."""
-        assert self.swing is not None
-        one = np.ones((1, 1)) if self.scale is None else self.scale
-        return np.asarray(one + self.swing["amplitude"] * np.cos(true + self.swing["phase"]))
+    @property
+    def _curve(self) -> Curve:
+        return Curve(self.scale, self.origin, self.swing)
 
 
 def reading_of(data: Dataset, block: Block, settings: Settings, channel: str) -> Reading:

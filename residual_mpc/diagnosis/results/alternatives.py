@@ -1,7 +1,6 @@
 """The explanations that were compared, as the document lists them: candidates, whole sets, alternatives."""
 
 from collections.abc import Mapping
-from itertools import combinations
 
 import numpy as np
 
@@ -49,15 +48,17 @@ def candidates(
 
 
 def rival_sets(rivalry: Rivalry) -> tuple[RivalSet, ...]:
-    """The best few sets as wholes, the chosen one among them, with the share of the likelihood that each holds."""
+    """The best few sets as wholes, the chosen one among them, with the share of the likelihood that each holds. Members
+    of several groups stand in any combination, with the product of their weights."""
     found = rivalry.as_found.terms
     weights: dict[EffectSet, float] = {found: 1.0}
     for r in rivalry.rivals:
         weights[r.fit.terms] = max(weights.get(r.fit.terms, 0.0), _weight(r))
-    for pair in combinations((r for r in rivalry.rivals if r.alike), 2):
-        both = _exchanged(found, *pair)
-        if both is not None:
-            weights[both] = max(weights.get(both, 0.0), _weight(pair[0]) * _weight(pair[1]))
+    several: dict[EffectSet, float] = {found: 1.0}
+    for r in (r for r in rivalry.rivals if r.alike):
+        several |= {_exchanged(terms, r): w * _weight(r) for terms, w in several.items() if _has_place(terms, r)}
+    known = {frozenset(terms) for terms in weights}
+    weights |= {terms: w for terms, w in several.items() if frozenset(terms) not in known}
     total = sum(weights.values())
     ranked = sorted((RivalSet(t, w / total) for t, w in weights.items()), key=lambda r: -r.probability)
     return tuple(ranked[:LISTED])
@@ -67,12 +68,13 @@ def _weight(rival: Rival) -> float:
     return float(np.exp(-0.5 * np.clip(rival.ratio, 0.0, 200.0)))
 
 
-def _exchanged(terms: EffectSet, one: Rival, other: Rival) -> EffectSet | None:
-    """The set with the exchanges of two rivals in different places; None where one leaves no room for the other."""
-    gone, came = (*one.gone, *other.gone), (*one.came, *other.came)
-    stays = tuple(t for t in terms if t not in gone)
-    fits = len(set(gone)) == len(gone) and set(gone) <= set(terms)
-    return (*came, *stays) if fits and len({*came, *stays}) == len(came) + len(stays) else None
+def _has_place(terms: EffectSet, rival: Rival) -> bool:
+    """Whether a set has what a rival replaces, and not what comes in its place."""
+    return set(rival.gone) <= set(terms) and not set(rival.came) & set(terms)
+
+
+def _exchanged(terms: EffectSet, rival: Rival) -> EffectSet:
+    return (*rival.came, *(t for t in terms if t not in rival.gone))
 
 
 def alternatives(

@@ -23,6 +23,7 @@ from residual_mpc.models.settings import TUNE, Knob, Term
 
 ANGLES = ("heading", "phase")  # numbers that come round after a turn
 AT_BOUND = "at the bound of its search range"
+FROM_BELOW = "the runs bound it from below only"
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +157,8 @@ def _estimate(
     )
     rests = bool(final.held[i]) or _rests(space, knob, value, interval, settings)
     rests = rests and not BY_NAME[knob.effect].parameter(knob.parameter).physical_bounds
-    return Estimate(knob.parameter, value, interval, unit, _note(rests, apart))
+    open_above = 0.0 < space.reached_limit(knob.term) < value and space.bounds(knob)[1] in ends
+    return Estimate(knob.parameter, value, interval, unit, FROM_BELOW if open_above else _note(rests, apart))
 
 
 def _rests(space: Space, knob: Knob, value: float, interval: tuple[float, float], settings: ResultSettings) -> bool:

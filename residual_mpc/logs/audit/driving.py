@@ -23,10 +23,13 @@ REACH = 0.5  # s
 CLEAR = 0.7
 FASTEST = 3.0  # times the speed that a robot exceeds for a tenth of the time: faster is no motion
 NEAR = 1.5  # factor within which a ratio of speeds says that a unit is wrong: a wheel's radius may be off as well
-THETA, XY = "multiply pose.theta by pi / 180", "swap pose.x and pose.y under [log] in the robot file"
+# what would set the heading right, and the remedy
+THETA = "pose.theta is in degrees", "multiply pose.theta by pi / 180"
+XY = "pose.x and pose.y are exchanged", "swap pose.x and pose.y under [log] in the robot file"
+MOTORS = "if they are the motors' speeds, divide them by the gear ratio"
 UNITS = (  # by how much the robot is then too slow, what is in which unit, and the remedy
-    (30.0 / np.pi, "command.left", "rpm", "multiply the wheel speeds by pi / 30"),
-    (180.0 / np.pi, "command.left", "deg/s", "multiply the wheel speeds by pi / 180"),
+    (30.0 / np.pi, "command.left", "rpm", f"multiply the wheel speeds by pi / 30; {MOTORS}"),
+    (180.0 / np.pi, "command.left", "deg/s", f"multiply the wheel speeds by pi / 180; {MOTORS}"),
     (1e-3, "pose.x", "mm", "divide pose.x and pose.y by 1000"),
     (1e-2, "pose.x", "cm", "divide pose.x and pose.y by 100"),
 )
@@ -145,7 +148,8 @@ def _driven(runs: Sequence[Run], dt: float) -> _Drive | None:
         return None
     whole = [np.concatenate(parts) for parts in zip(*found, strict=True)]
     speed = np.hypot(whole[0], whole[1])
-    usual = FASTEST * float(np.quantile(speed, 0.9))
+    told = np.abs(whole[4]) > 0.0
+    usual = FASTEST * float(np.quantile(speed[told] if told.any() else speed, 0.9))
     keep = speed <= usual if usual > 0.0 else np.ones(len(speed), dtype=bool)
     drive = _Drive(*(part[keep] for part in whole))
     return drive if float(drive.along @ drive.along + drive.across @ drive.across) > 0.0 else None
@@ -158,13 +162,10 @@ def _heading(runs: Sequence[Run], dt: float, radius: float | None) -> list[Findi
         return []
     # a wheeled robot moves where it points: nearly all of its speed lies along its heading
     share = drive.share(drive.along)
-    for along, severity, kind, channel, if_, remedy in (
-        (drive.in_degrees, "error", "degrees", "pose.theta", "pose.theta is in degrees", THETA),
-        (drive.exchanged, "error", "swapped", "pose.x", "pose.x and pose.y are exchanged", XY),
-    ):
-        if share < 0.7 and drive.share(along) > 0.9:
-            message = f"only {share:.0%} of the motion is along the heading, {drive.share(along):.0%} if {if_}"
-            return [Finding(severity, kind, "", channel, None, message, remedy)]  # type: ignore[arg-type]
+    if share < 0.7 and drive.share(drive.in_degrees) > 0.9:
+        return [_elsewhere("degrees", "pose.theta", share, drive.share(drive.in_degrees), *THETA)]
+    if share < 0.7 and drive.share(drive.exchanged) > 0.9:
+        return [_elsewhere("swapped", "pose.x", share, drive.share(drive.exchanged), *XY)]
     norm = np.sqrt((drive.along @ drive.along) * (drive.wheels @ drive.wheels))
     cosine = float(drive.along @ drive.wheels / norm) if norm > 0.0 else 0.0
     if share > 0.8 and cosine < -0.5:
@@ -180,6 +181,11 @@ def _heading(runs: Sequence[Run], dt: float, radius: float | None) -> list[Findi
             )
         ]
     return _units(drive, radius) if radius is not None and share > 0.8 and cosine > CLEAR else []
+
+
+def _elsewhere(kind: str, channel: str, share: float, then: float, if_: str, remedy: str) -> Finding:
+    message = f"only {share:.0%} of the motion is along the heading, {then:.0%} if {if_}"
+    return Finding("error", kind, "", channel, None, message, remedy)
 
 
 def _units(drive: _Drive, radius: float) -> list[Finding]:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from residual_mpc.effects.library import BY_NAME
 from residual_mpc.report.words.effects import name, name_at
 from residual_mpc.report.words.numbers import listed
 
@@ -42,15 +43,15 @@ def _is_on_all(member: Member) -> bool:
 
 
 def group_sentence(group: Sequence[Member], document: Mapping[str, Any] | None = None) -> str:
-    """ "On these runs command delay and sensor delay cannot be told apart; one of them is there (0.97)."; document: the
-    diagnosis.json, for the probability of the group and of a member that is clearly likelier than the one that stands
-    in the explanation."""
+    """ "On these runs command delay and sensor delay cannot be told apart; one of them is present (probability 0.97).";
+    document: the diagnosis.json, for the probability of the group, and of a member that is clearly likelier than the
+    one that stands in the explanation."""
     text = f"On these runs {listed(member_names(group))} cannot be told apart"
     likelier = None if document is None else _likelier(group, document)
     if likelier is not None:
         return f"{text}; {likelier} is likelier."
     together = None if document is None else _together(group, document)
-    return f"{text}." if together is None else f"{text}; one of them is there ({together:.2f})."
+    return f"{text}." if together is None else f"{text}; one of them is present (probability {together:.2f})."
 
 
 def or_else(effect: Mapping[str, Any], document: Mapping[str, Any]) -> str:
@@ -92,14 +93,24 @@ def _probabilities(document: Mapping[str, Any]) -> dict[tuple[str, str | None], 
 
 
 def _together(group: Sequence[Member], document: Mapping[str, Any]) -> float | None:
-    """The probability that one of the members is there, where that is likely; None where it is not, or where members
-    have no probability of their own, such as pairs."""
+    """The probability that one of the members is there, where that is likely; None where it is not, where no member is
+    named, or where members have no probability of their own, such as pairs. That of an effect counts what includes it,
+    such as Stribeck friction for Coulomb friction and all targets for one: each counts once."""
     keys = [_keys(member) for member in group]
     probability = _probabilities(document)
-    if any(len(mine) > 1 or mine[0] not in probability for mine in keys):
+    named = {(e["effect"], e.get("target")) for e in document.get("explanation") or ()}
+    if any(len(mine) > 1 or mine[0] not in probability for mine in keys) or not named & {mine[0] for mine in keys}:
         return None
-    total = min(sum(probability[mine[0]] for mine in keys), MOST)
+    alone = [mine[0] for mine in keys if not any(_includes(mine[0], other[0]) for other in keys)]
+    total = min(sum(probability[key] for key in alone), MOST)
     return total if total >= LIKELY else None
+
+
+def _includes(one: tuple[str, str | None], other: tuple[str, str | None]) -> bool:
+    """Whether an effect is another one's general case: it has it with two equal numbers, or on all targets."""
+    equal = BY_NAME[one[0]].equal if one[0] in BY_NAME else None
+    simple = equal is not None and (equal[0], one[1]) == other
+    return simple or (one[0] == other[0] and one[1] is None and other[1] is not None)
 
 
 def _likelier(group: Sequence[Member], document: Mapping[str, Any]) -> str | None:
