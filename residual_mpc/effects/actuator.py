@@ -175,7 +175,9 @@ POSITION_GAIN = Effect(
     steady=True,
     lacking="no actuator is a position servo with damping of its own, whose gain could change without it",
     imitates=frozenset({"position", "load"}),
-    phrase=Phrase("the position gain of {who} is {gain} of the modelled value; its damping is unchanged", shares=("gain",)),
+    phrase=Phrase(
+        "the position gain of {who} is {gain} of the modelled value; its damping is unchanged", shares=("gain",)
+    ),
     nouns={"gain": Noun("position gain", "factor", targeted="position gain")},
 )
 
