@@ -21,6 +21,7 @@ from residual_mpc.diagnosis.results.causes import causes_of, most_sure, refitted
 from residual_mpc.diagnosis.results.conditions import moved, notes, one_run, setup
 from residual_mpc.diagnosis.results.gaps import ExplanationGaps
 from residual_mpc.diagnosis.results.next_experiment import next_experiment
+from residual_mpc.diagnosis.results.one_encoder import of_one_encoder
 from residual_mpc.diagnosis.results.records import Candidate, Cause, Diagnosis, DiagnosisResult, GapStep, StageShare
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.stages import staged
@@ -79,6 +80,8 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     sure = {t: min(certain(standing=_stands(t, s)), most) for t, s in supports.items()}
     weak = doubts(supports, extras.rest, settings=settings)
     doubt = {t: d * steadiness(t, validated.varying, settings) for t, d in weak.items()}
+    bent = of_one_encoder(final.terms, [n.term for n in of.untestable])
+    doubt |= {t: settings.causes.resting * doubt[t] for t in bent if t in doubt}
     groups = tuple(g for g in of.rivalry.groups if not any(t in of.left_out for m in g for t in m)) if helps else ()
     # a size that varies with the motion speaks against the named member alone
     every_doubt = {**shared(weak, groups), **doubt}

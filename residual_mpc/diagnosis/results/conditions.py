@@ -11,6 +11,7 @@ from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.gaps import ExplanationGaps
 from residual_mpc.diagnosis.results.odd_run import odd_run
+from residual_mpc.diagnosis.results.one_encoder import encoder_notes
 from residual_mpc.diagnosis.results.records import Moved, Setup
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.verdict import beats_forecast, deciding
@@ -98,6 +99,8 @@ def notes(
         said.append(
             f"{', '.join(map(str, of.vetoed))} would reduce the gap of the pose, but contradicts the wheel encoders."
         )
+    if found.helps:
+        said += encoder_notes(of.final.terms, [n.term for n in of.untestable])
     for look in found.looks if found.helps else ():
         if look.unjudged and (look.decides or look is not first):
             some = "1 window" if look.unjudged == 1 else f"{look.unjudged} windows"

@@ -23,7 +23,8 @@ class CauseSettings:
     `Support.standing`, between which what is left lowers the probability by ever less; useful: the share of a
     constant-velocity forecast's squared gap below which the probability falls in proportion to what the explained model
     removes of it, down to that factor. coarse: the most where the model's time step may be the cause. resting: factor
-    on an effect with a number that rests on the bound of what is tried, or that may do nothing by its intervals;
+    on an effect with a number that rests on the bound of what is tried, or that may do nothing by its intervals, or
+    that is one of two which one effect could replace that these runs cannot show;
     beside: share of the way from doing nothing to a bound within which a number rests on it where its interval ends
     there. doubtful: factor on an effect's probability below which the other numbers' intervals do without it too;
     minor: share of what another effect predicts of the motion, below which `resting` counts for that. apart:
