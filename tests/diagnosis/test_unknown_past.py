@@ -106,7 +106,8 @@ def test_a_command_that_jumps_as_the_log_begins_is_not_what_was_held(tmp_path: P
     sent = run.columns["command.hub"] + 0.5 + 0.2 * run.t
     jumped = replace(run, columns={**run.columns, "command.hub": sent})
     drive = build_dataset([jumped], [robot(tmp_path)], {}).blocks[0].drive
-    assert drive.command[0, drive.lead - 1, 0] == pytest.approx(run.columns["position.hub"][0])
+    rests_at = run.columns["position.hub"][0]  # but for the noise of its speed
+    assert drive.command[0, drive.lead - 1, 0] == pytest.approx(rests_at, abs=5e-4)
     assert drive.command[0, drive.lead, 0] == pytest.approx(0.9)
 
 
@@ -178,7 +179,7 @@ def test_notes_say_which_windows_the_verdict_leaves_out(tmp_path: Path) -> None:
         left=look.after,
     )  # fmt: skip
     of: Any = SimpleNamespace(
-        doubtful=(), vetoed=(), held=every, raw=data, outliers=SimpleNamespace(count=0), with_outliers=False,
+        doubtful=(), vetoed=(), untestable=(), held=every, raw=data, outliers=SimpleNamespace(count=0), with_outliers=False,
         final=SimpleNamespace(knobs=(), held=(), terms=(), values={}),
     )  # fmt: skip
     (said, _) = notes(of, found, None, ResultSettings())
