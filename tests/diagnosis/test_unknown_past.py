@@ -179,7 +179,8 @@ def test_notes_say_which_windows_the_verdict_leaves_out(tmp_path: Path) -> None:
         left=look.after,
     )  # fmt: skip
     of: Any = SimpleNamespace(
-        doubtful=(), vetoed=(), untestable=(), held=every, raw=data, outliers=SimpleNamespace(count=0), with_outliers=False,
+        doubtful=(), vetoed=(), untestable=(), held=every, raw=data, with_outliers=False,
+        outliers=SimpleNamespace(count=0),
         final=SimpleNamespace(knobs=(), held=(), terms=(), values={}),
     )  # fmt: skip
     (said, _) = notes(of, found, None, ResultSettings())
