@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 SLOWED = 2.0  # 1/s: how fast grease slows a link that floats in its play
 LEAST_ROTOR = 0.02  # of the link's inertia: a rotor without any inertia has no equation of motion
 FAR = 1e6  # rad: a stop that is never reached
-STOP_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
+# MuJoCo's limits and dry friction are soft constraints that creep; these are stiff, as is added friction
+STIFF_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
 STOP_STEPS = 2.0  # time constant of a stop, steps: the stiffest that MuJoCo takes
 FINER = 4  # steps in one of RK4, which evaluates the model as often
 
@@ -124,12 +125,12 @@ def _bare(model: "mujoco.MjModel", gears: Gears, tendons: int) -> None:
         getattr(model, field)[gears.numbers] = 0.0
     for field in ("tendon_stiffness", "tendon_damping", "tendon_frictionloss", "tendon_armature"):
         getattr(model, field)[tendons:] = 0.0
-    model.tendon_solimp_fri[gears.links] = STOP_SOLIMP  # stiff enough to hold at rest, as for added friction
+    model.tendon_solimp_fri[gears.links] = STIFF_SOLIMP
     model.jnt_actfrclimited[gears.numbers] = 0
     model.jnt_limited[gears.numbers] = 1
     model.jnt_range[gears.numbers] = (-FAR, FAR)
     model.jnt_solref[gears.numbers] = (STOP_STEPS * model.opt.timestep, 1.0)
-    model.jnt_solimp[gears.numbers] = STOP_SOLIMP
+    model.jnt_solimp[gears.numbers] = STIFF_SOLIMP
 
 
 def edit_gears(batch: Any, robot: CompiledRobot, settings: Settings) -> None:

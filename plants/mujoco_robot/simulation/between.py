@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from plants.mujoco_robot.edits.force_ranges import raised
-from plants.mujoco_robot.edits.split_gears import shares_behind
+from plants.mujoco_robot.edits.split_gears import STIFF_SOLIMP, shares_behind
 from plants.mujoco_robot.simulation.fitted_laws import any_law, joint_laws, law_torques, levels, loads, signals_of
 from plants.mujoco_robot.simulation.gear_feedback import link_servos
 from plants.mujoco_robot.simulation.gravity_compensation import compensating
@@ -18,9 +18,6 @@ from residual_mpc.effects.library import present
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings, is_null
-
-# MuJoCo's dry friction is a soft constraint that creeps while it sticks; where an effect adds friction it is made stiff
-STIFF_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
 
 
 def changing(robot: CompiledRobot, settings: Settings, wanted: tuple[str, ...]) -> np.ndarray:
