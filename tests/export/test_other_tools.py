@@ -25,6 +25,7 @@ HIDDEN: dict[tuple[str, str | None, str], Value] = {
     ("viscous_friction", None, "coefficient"): (0.2, 0.15, 0.25),
     ("armature", "j2", "inertia"): (0.02, 0.01, 0.03),
     ("actuator_gain", "s2", "gain"): (0.8, 0.7, 0.9),
+    ("position_gain", "s1", "gain"): (1.3, 1.2, 1.4),
     ("payload", None, "mass"): (0.25, 0.2, 0.3),
     ("link_length", "upper", "offset"): (0.03, 0.02, 0.04),
     ("saturation", "s1", "limit"): (4.0, 3.0, 5.0),
@@ -142,7 +143,7 @@ def test_actuators_by_joint(tmp_path: Path) -> None:
     text = (tmp_path / "out" / "actuators.toml").read_text()
     table = tomllib.loads(text)
     one, two = table["joint"]["j1"], table["joint"]["j2"]
-    assert (one["stiffness"], one["damping"], one["gear"]) == (120.0, 6.0, 2.0)  # the gear's square
+    assert (one["stiffness"], one["damping"], one["gear"]) == (156.0, 6.0, 2.0)  # 1.3 times, by the gear's square
     assert (two["stiffness"], two["damping"]) == (pytest.approx(16.0), pytest.approx(0.64))  # weakened to 0.8
     assert (one["effort_limit"], one["friction"], one["armature"]) == (8.0, pytest.approx(0.3), 0.01)
     assert "effort_limit" not in two and (two["friction"], two["armature"]) == (0.02, pytest.approx(0.025))
@@ -171,7 +172,7 @@ def test_the_groups_are_keywords_of_isaac_lab(tmp_path: Path) -> None:
     assert {f.name for f in fields(made)} == ISAAC
     assert made.joint_names_expr == ["j1", "j2"] and (made.min_delay, made.max_delay) == (7, 9)
     assert made.effort_limit == {"j1": 8.0} and made.friction == made.dynamic_friction
-    assert table["newton"]["joint_target_ke"] == {"j1": 120.0, "j2": pytest.approx(16.0)}
+    assert table["newton"]["joint_target_ke"] == {"j1": 156.0, "j2": pytest.approx(16.0)}
     assert table["newton"]["delay_steps"] == {"j1": 8, "j2": 8}
     assert set(table["newton"]) == {
         "joint_target_ke", "joint_target_kd", "joint_damping", "joint_armature", "joint_friction", "joint_effort_limit",
