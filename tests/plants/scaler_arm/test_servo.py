@@ -13,13 +13,16 @@ from plants.scaler_arm.dynamics.gravity import masses
 from plants.scaler_arm.dynamics.servo import Load, Servo, advance, weights
 from plants.scaler_arm.engines.mjcf import mjcf
 from plants.scaler_arm.kinematics.forward import chain
-from plants.scaler_arm.kinematics.geometry import MOTORS, PASSIVE, SCALER
+from plants.scaler_arm.kinematics.geometry import HOME, MOTORS, PASSIVE, SCALER
 from plants.scaler_arm.kinematics.loop_closure import closed
 from plants.scaler_arm.servo_robot import ServoArm, build
-from residual_mpc.effects.ops import NUMPY
+from residual_mpc.effects.ops import NUMPY, Kinks
 from residual_mpc.errors import BadInput
 from residual_mpc.models.contract import check_robot
+from residual_mpc.models.protocol import Drive
 from residual_mpc.models.robot_file import RobotFile
+from residual_mpc.models.settings import Settings
+from residual_mpc.models.stepping import StepOptions
 
 
 def test_the_weight_is_what_mujoco_holds_up():
@@ -72,3 +75,26 @@ def test_a_load_beside_the_tool_weighs_as_one_at_a_tool_that_is_there() -> None:
         at_tool = weights(NUMPY, SCALER, chain(SCALER), [*q], Load(masses(SCALER), 0.4, {}, {}))
         np.testing.assert_allclose(beside, there, atol=1e-9)
         assert np.abs(np.subtract(beside, at_tool)).max() > 0.01
+
+
+def test_a_position_gain_is_another_stiffness_in_the_replay_and_in_the_step() -> None:
+    """The damping stays, so it is not what a gain of the whole actuator does."""
+    robot = ServoArm("scaler_arm_servo")
+    gain, steps = 0.6, 50
+    by_effect = Settings(1, {"position_gain": {"gain": np.full((1, len(MOTORS)), gain)}})
+    by_parameter = Settings(1, {}, {f"actuator.{m}.kp": np.full(1, gain * SCALER.servo.stiffness) for m in MOTORS})
+    whole = Settings(1, {"actuator_gain": {"gain": np.full((1, len(MOTORS)), gain)}})
+    start = {f"position.{m}": np.full(1, q) for m, q in zip(MOTORS, HOME, strict=True)}
+    command = np.array(HOME) + 0.1 * np.sin(0.2 * np.arange(steps))[None, :, None]
+    drive = Drive(robot.step, 0, command, None, np.zeros(1))
+    wanted = tuple(start)
+    found, expected, other = (robot.replay(start, drive, s, wanted) for s in (by_effect, by_parameter, whole))
+    for channel in wanted:
+        np.testing.assert_allclose(found[channel], expected[channel], atol=1e-12)
+    assert max(np.abs(found[c] - other[c]).max() for c in wanted) > 1e-3
+    ends = []
+    for settings in (by_effect, by_parameter):
+        stepped = robot.one_step(settings, StepOptions(robot.step))
+        p = [n.value for n in stepped.numbers]
+        ends.append(stepped.step(Kinks(NUMPY, lambda _: NUMPY, 0.0), [*HOME], [*command[0, 5]], p, None))
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-12)
