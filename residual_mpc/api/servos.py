@@ -6,7 +6,8 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from residual_mpc.api.robot import NominalRobot
-from residual_mpc.effects.actuator import ACTUATOR_GAIN, POSITION_GAIN
+from residual_mpc.effects.actuator import ACTUATOR_GAIN
+from residual_mpc.effects.position_servo import POSITION_GAIN
 from residual_mpc.effects.servo.readings import Driven, readings_of
 from residual_mpc.models.motors.tables import servo_of
 from residual_mpc.models.servo_table import ServoRow, driven_by, servo_rows

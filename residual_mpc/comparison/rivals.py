@@ -22,8 +22,9 @@ from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.additions import mixed
 from residual_mpc.diagnosis.search.confounded_groups import place
 from residual_mpc.diagnosis.search.substitutes import counting_what_includes, imitate
-from residual_mpc.effects.actuator import ACTUATOR_GAIN, POSITION_GAIN
+from residual_mpc.effects.actuator import ACTUATOR_GAIN
 from residual_mpc.effects.body import JOINT_COMPLIANCE
+from residual_mpc.effects.position_servo import POSITION_GAIN
 from residual_mpc.models.settings import Knob, Term, Values
 
 # a servo of lower gain yields to a load as one behind a spring does; only fast motions tell the two apart

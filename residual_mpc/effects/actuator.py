@@ -85,12 +85,6 @@ def saturation_step(ops: Ops, p: Values, memory: Any, y: Array, clock: Array, dt
     return clip(ops, y, -p["limit"], p["limit"]), memory
 
 
-def integral_step(ops: Ops, p: Values, x: Array, error: Array, dt: float) -> Array:
-    """x + gain * error dt: what the integral part of a servo adds to its setpoint (Astrom and Hagglund, Advanced PID
-    Control, 2006, chapter 3, with an integral time of 1 / gain)."""
-    return x + p["gain"] * error * dt
-
-
 SLOWEST = 1e-6  # of the stall torque: keeps an infinite one infinite at the no-load speed
 
 
@@ -158,27 +152,6 @@ ACTUATOR_GAIN = Effect(
     interchangeable="rim speed",
     phrase=Phrase("{who} delivers {gain} of its modelled output", shares=("gain",)),
     nouns={"gain": Noun("actuator gain", "factor", targeted="gain")},
-)
-
-POSITION_GAIN = Effect(
-    name="position_gain",
-    stage="actuator",
-    port="model",
-    target="actuator",
-    parameters=(
-        Parameter(
-            "gain", "1", 1.0, 0.02, 10.0, (0.25, 0.6, 0.85, 1.2, 2.0), tolerance=0.01, quantity="servo stiffness"
-        ),
-    ),
-    summary="a position servo's proportional gain is a multiple of the model's, with the same damping and limit",
-    site="position gain",
-    steady=True,
-    lacking="no actuator is a position servo with damping of its own, whose gain could change without it",
-    imitates=frozenset({"position", "load"}),
-    phrase=Phrase(
-        "the position gain of {who} is {gain} of the modelled value; its damping is unchanged", shares=("gain",)
-    ),
-    nouns={"gain": Noun("position gain", "factor", targeted="position gain")},
 )
 
 SATURATION = Effect(
@@ -307,24 +280,4 @@ RATE_LIMIT = Effect(
     not_in_mjcf="MuJoCo has no actuator that limits the rate of its command",
 )
 
-SERVO_INTEGRAL = Effect(
-    name="servo_integral",
-    stage="actuator",
-    port="servo",
-    target="actuator",
-    parameters=(Parameter("gain", "1/s", 0.0, 0.0, 30.0, (0.6, 3.0)),),
-    summary="a position servo with an integral part that the model lacks",
-    step=integral_step,
-    site="servo",
-    label="integral",
-    lacking="no actuator is a position servo",
-    unseen="no position error lasts long enough for an integral part to act",
-    phrase=Phrase("{who} integrates its position error with a gain of {gain}"),
-    nouns={"gain": Noun("integral gain", article="an", targeted="integral gain")},
-    not_in_mjcf="MuJoCo's position servos have no integral part",
-)
-
-EFFECTS = (
-    ACTUATOR_LAG, ACTUATOR_GAIN, SATURATION, VOLTAGE_SAG, BACKLASH, TORQUE_SPEED_LIMIT, RATE_LIMIT,
-    SERVO_INTEGRAL, POSITION_GAIN,
-)  # fmt: skip
+EFFECTS = (ACTUATOR_LAG, ACTUATOR_GAIN, SATURATION, VOLTAGE_SAG, BACKLASH, TORQUE_SPEED_LIMIT, RATE_LIMIT)

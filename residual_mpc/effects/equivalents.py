@@ -7,10 +7,8 @@ from residual_mpc.effects.actuator import (
     ACTUATOR_GAIN,
     ACTUATOR_LAG,
     BACKLASH,
-    POSITION_GAIN,
     RATE_LIMIT,
     SATURATION,
-    SERVO_INTEGRAL,
     TORQUE_SPEED_LIMIT,
 )
 from residual_mpc.effects.body import (
@@ -37,6 +35,7 @@ from residual_mpc.effects.contact import (
 )
 from residual_mpc.effects.drive import FORWARD_RATE_LIMIT, SHARED_LIMIT, TURN_GAIN, TURN_LIMIT, TURN_RATE_LIMIT
 from residual_mpc.effects.effect import Effect
+from residual_mpc.effects.position_servo import POSITION_GAIN, SERVO_INTEGRAL
 from residual_mpc.effects.sensor import (
     CLOCK_SKEW,
     SENSOR_BIAS,

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from operator import itemgetter
 from typing import Any
 
-from residual_mpc.effects import actuator, body, command, contact, drive, sensor, surroundings
+from residual_mpc.effects import actuator, body, command, contact, drive, position_servo, sensor, surroundings
 from residual_mpc.effects.effect import Effect, Quantity, Site, Values
 from residual_mpc.effects.laws import LAWS, law_of_column, quantity_of
 from residual_mpc.effects.ops import Array, Ops
@@ -14,6 +14,7 @@ from residual_mpc.effects.plugged import plugged_in
 BUILT_IN: tuple[Effect, ...] = (
     *command.EFFECTS,
     *actuator.EFFECTS,
+    *position_servo.EFFECTS,
     *drive.EFFECTS,
     *body.EFFECTS,
     *surroundings.EFFECTS,

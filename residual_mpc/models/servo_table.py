@@ -5,9 +5,9 @@ from dataclasses import asdict, dataclass, replace
 from math import hypot
 from typing import Any, NamedTuple
 
-from residual_mpc.effects.actuator import POSITION_GAIN
 from residual_mpc.effects.body import VISCOUS
 from residual_mpc.effects.command import COMMAND_DELAY
+from residual_mpc.effects.position_servo import POSITION_GAIN
 from residual_mpc.effects.servo.motor import Motor
 from residual_mpc.effects.servo.numbers import (
     JOINT_DAMPING,

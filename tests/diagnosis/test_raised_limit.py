@@ -53,7 +53,7 @@ def test_a_limit_that_the_robot_hardly_reaches_is_known_from_below(tmp_path: Pat
 
 @dataclass(frozen=True)
 class Flat:
-    """A problem whose cost does not change above the largest force that is asked for, 3 N m."""
+    """A problem whose cost stays the same once the limit exceeds the largest force that the runs need, 3 N m."""
 
     data: Any
     space: Any

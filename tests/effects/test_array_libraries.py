@@ -12,7 +12,6 @@ from residual_mpc.effects.actuator import (
     backlash_start,
     backlash_step,
     gain_step,
-    integral_step,
     lag_start,
     lag_step,
     line_limits,
@@ -40,6 +39,7 @@ from residual_mpc.effects.drive import (
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.ground import ground_twist
 from residual_mpc.effects.ops import NUMPY, Array, Ops, casadi_ops, jax_ops
+from residual_mpc.effects.position_servo import integral_step
 from residual_mpc.effects.sensor import mounted, off_axis, unmounted
 from residual_mpc.effects.surroundings import ripple_torque, spring_torque
 

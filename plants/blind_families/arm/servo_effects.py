@@ -9,8 +9,9 @@ import numpy as np
 
 from plants.blind_families.arm.effects import ArmRobot, Draw, Place, every_joint, one_joint
 from plants.blind_families.planting import Planting, Plantings, by_name
-from residual_mpc.effects.actuator import POSITION_GAIN, RATE_LIMIT, SERVO_INTEGRAL, TORQUE_SPEED_LIMIT
+from residual_mpc.effects.actuator import RATE_LIMIT, TORQUE_SPEED_LIMIT
 from residual_mpc.effects.body import GEAR_EFFICIENCY, PAYLOAD
+from residual_mpc.effects.position_servo import POSITION_GAIN, SERVO_INTEGRAL
 from residual_mpc.effects.sensor import ENCODER_ECCENTRICITY, SENSOR_LAG, SENSOR_SCALE
 from residual_mpc.effects.surroundings import BASE_TILT, END_STOP, JOINT_SPRING, TORQUE_OFFSET, TORQUE_RIPPLE
 

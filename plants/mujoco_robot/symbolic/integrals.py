@@ -9,9 +9,9 @@ import numpy as np
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from plants.mujoco_robot.symbolic.numbers import Parameters
 from plants.mujoco_robot.symbolic.torques import JointTorques
-from residual_mpc.effects.actuator import SERVO_INTEGRAL
 from residual_mpc.effects.chain import Chain
 from residual_mpc.effects.ops import Array, Kinks, clip
+from residual_mpc.effects.position_servo import SERVO_INTEGRAL
 
 
 @dataclass(frozen=True, eq=False)

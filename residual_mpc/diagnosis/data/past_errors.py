@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from residual_mpc.diagnosis.data.signals import Signal
-from residual_mpc.effects.actuator import SERVO_INTEGRAL
+from residual_mpc.effects.position_servo import SERVO_INTEGRAL
 from residual_mpc.logs.run import Run, held
 from residual_mpc.models import optional
 from residual_mpc.models.past_errors import PastErrors

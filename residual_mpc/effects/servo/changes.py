@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from residual_mpc.effects.actuator import (
     ACTUATOR_GAIN,
     ACTUATOR_LAG,
-    POSITION_GAIN,
     RATE_LIMIT,
     SATURATION,
-    SERVO_INTEGRAL,
     TORQUE_SPEED_LIMIT,
     VOLTAGE_SAG,
 )
 from residual_mpc.effects.command import COMMAND_DELAY, DEAD_ZONE
+from residual_mpc.effects.position_servo import POSITION_GAIN, SERVO_INTEGRAL
 from residual_mpc.effects.sensor import SENSOR_BIAS
 
 REACHED = (1.0 / 3.0, 3.0)  # factors on a P gain within which its register is worth changing

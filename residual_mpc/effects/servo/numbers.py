@@ -7,10 +7,8 @@ from residual_mpc.effects.actuator import (
     ACTUATOR_GAIN,
     ACTUATOR_LAG,
     BACKLASH,
-    POSITION_GAIN,
     RATE_LIMIT,
     SATURATION,
-    SERVO_INTEGRAL,
     TORQUE_SPEED_LIMIT,
     VOLTAGE_SAG,
 )
@@ -25,6 +23,7 @@ from residual_mpc.effects.body import (
 )
 from residual_mpc.effects.command import COMMAND_DELAY, DEAD_ZONE
 from residual_mpc.effects.effect import Effect
+from residual_mpc.effects.position_servo import POSITION_GAIN, SERVO_INTEGRAL
 from residual_mpc.effects.sensor import SENSOR_BIAS
 
 How = Literal["times", "plus", "is", "at most"]  # what a parameter does to the model's own value

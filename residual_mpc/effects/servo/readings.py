@@ -8,8 +8,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from residual_mpc.effects.actuator import ACTUATOR_GAIN, POSITION_GAIN, SATURATION, TORQUE_SPEED_LIMIT, VOLTAGE_SAG
+from residual_mpc.effects.actuator import ACTUATOR_GAIN, SATURATION, TORQUE_SPEED_LIMIT, VOLTAGE_SAG
 from residual_mpc.effects.body import VISCOUS
+from residual_mpc.effects.position_servo import POSITION_GAIN
 from residual_mpc.effects.servo.motor import Across, Motor, mapped
 
 SUPPLY = (0.5, 1.5)  # of the stated voltage: further off the servo would not run, or not for long

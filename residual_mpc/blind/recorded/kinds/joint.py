@@ -12,8 +12,9 @@ from residual_mpc.blind.recorded.half import Half
 from residual_mpc.blind.recorded.kinds.body import models_of
 from residual_mpc.blind.recorded.kinds.kind import Kind, Sizes, Target, between, factor, refuse, signed
 from residual_mpc.blind.recorded.mjcf import Mjcf, parse, vector_text
-from residual_mpc.effects.actuator import ACTUATOR_GAIN, POSITION_GAIN
+from residual_mpc.effects.actuator import ACTUATOR_GAIN
 from residual_mpc.effects.body import ARMATURE, COULOMB, VISCOUS
+from residual_mpc.effects.position_servo import POSITION_GAIN
 
 # by kind of actuator, the attributes that its force is proportional to, with their defaults and the power of the gain
 # that they are multiplied by; a motor's limit lies before its gear, which is the only factor that it has
