@@ -26,13 +26,12 @@ from plants.mujoco_robot.native.chain import (
     Tendon,
 )
 from plants.mujoco_robot.native.dynamics import Joint
+from plants.mujoco_robot.native.soft_constraints import MINIMUM, clipped, dry_friction, reference
 
 if TYPE_CHECKING:
     import mujoco
 
-MINIMUM = 1e-15  # MuJoCo's mjMINVAL
 FAR = 1e30  # rad or m: a limit that is never reached
-IMPEDANCE = (1e-4, 0.9999)  # between which MuJoCo clips impedances
 
 Field = Callable[[str], np.ndarray]  # a field of the model -> its values, (rows, ...)
 
@@ -103,7 +102,7 @@ def active_equalities(model: mujoco.MjModel) -> np.ndarray:
 
 def _equality(model: mujoco.MjModel, i: int) -> Equality:
     joint, other = int(model.eq_obj1id[i]), int(model.eq_obj2id[i])
-    low, high, width, middle, power = _clipped(model.eq_solimp[i]).tolist()
+    low, high, width, middle, power = clipped(model.eq_solimp[i]).tolist()
     return Equality(
         int(model.jnt_dofadr[joint]),
         None if other < 0 else int(model.jnt_dofadr[other]),
@@ -114,7 +113,7 @@ def _equality(model: mujoco.MjModel, i: int) -> Equality:
 
 
 def _stop(margin: float, solimp: np.ndarray) -> Stop:
-    low, high, width, middle, power = _clipped(solimp).tolist()
+    low, high, width, middle, power = clipped(solimp).tolist()
     return Stop(float(margin), (low, high, width, middle, power))
 
 
@@ -123,41 +122,6 @@ def _tendon(model: mujoco.MjModel, t: int, rubs: bool) -> Tendon:
     dofs = model.jnt_dofadr[model.wrap_objid[wraps]].tolist()
     stop = _stop(model.tendon_margin[t], model.tendon_solimp_lim[t]) if model.tendon_limited[t] else None
     return Tendon(tuple(zip(dofs, model.wrap_prm[wraps].tolist(), strict=True)), stop, rubs)
-
-
-def _clipped(solimp: np.ndarray) -> np.ndarray:
-    out = np.array(solimp, dtype=float)
-    out[..., :2] = np.clip(out[..., :2], *IMPEDANCE)
-    out[..., 3] = np.clip(out[..., 3], *IMPEDANCE)
-    out[..., 2], out[..., 4] = np.maximum(out[..., 2], 0.0), np.maximum(out[..., 4], 1.0)
-    return out
-
-
-def _reference(model: mujoco.MjModel, solref: np.ndarray, high: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-    """Stiffness and damping of the reference acceleration, from MuJoCo's time constant and damping ratio, or from the
-    two themselves where they are negative; high: the impedance's upper end."""
-    import mujoco
-
-    one, two = np.asarray(solref[..., 0]), np.asarray(solref[..., 1])
-    safe = not int(model.opt.disableflags) & int(mujoco.mjtDisableBit.mjDSBL_REFSAFE)
-    constant = np.maximum(one, 2.0 * model.opt.timestep) if safe else one
-    with np.errstate(divide="ignore", invalid="ignore"):
-        stiff = np.where(
-            one > 0.0, 1.0 / np.maximum(MINIMUM, (high * constant * two) ** 2), -one / np.maximum(MINIMUM, high**2)
-        )
-        damp = np.where(one > 0.0, 2.0 / np.maximum(MINIMUM, high * constant), -two / np.maximum(MINIMUM, high))
-    return stiff, damp
-
-
-def _rubbing(
-    model: mujoco.MjModel, solimp: np.ndarray, solref: np.ndarray, weight: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """1/R of dry friction and B of its reference acceleration."""
-    solimp = _clipped(solimp)
-    low, high, width = solimp[..., 0], solimp[..., 1], solimp[..., 2]
-    imp = np.where((low == high) | (width <= MINIMUM), 0.5 * (low + high), low)
-    _, damp = _reference(model, solref, high)
-    return 1.0 / np.maximum(MINIMUM, (1.0 - imp) * weight / imp), damp
 
 
 def numbers_of(model: mujoco.MjModel, field: Field, applied: np.ndarray) -> np.ndarray:
@@ -175,8 +139,8 @@ def numbers_of(model: mujoco.MjModel, field: Field, applied: np.ndarray) -> np.n
         for k, (a, b) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
             out[:, at + 7 + k] = inertia[:, a, b]
     weight = field("dof_invweight0")
-    stiff, damp = _rubbing(model, field("dof_solimp"), field("dof_solref"), weight)
-    stops = _reference(model, model.jnt_solref, _clipped(model.jnt_solimp)[:, 1])
+    stiff, damp = dry_friction(model, field("dof_solimp"), field("dof_solref"), weight)
+    stops = reference(model, model.jnt_solref, clipped(model.jnt_solimp)[:, 1])
     limited, ends = field("jnt_limited").astype(bool), field("jnt_range")
     columns: tuple[np.ndarray, ...] = (
         field("dof_armature"),
@@ -205,17 +169,18 @@ def numbers_of(model: mujoco.MjModel, field: Field, applied: np.ndarray) -> np.n
     at += ACTUATOR * nu
     if model.ntendon:
         spring, ends = field("tendon_lengthspring"), field("tendon_range")
-        pulled = _reference(model, model.tendon_solref_lim, _clipped(model.tendon_solimp_lim)[:, 1])
+        pulled = reference(model, model.tendon_solref_lim, clipped(model.tendon_solimp_lim)[:, 1])
         columns = (field("tendon_stiffness"), spring[..., 0], spring[..., 1], ends[..., 0], ends[..., 1], *pulled)
         pulls = field("tendon_invweight0")
-        rubs = field("tendon_frictionloss"), *_rubbing(model, model.tendon_solimp_fri, model.tendon_solref_fri, pulls)
-        for k, column in enumerate((*columns, pulls, field("tendon_damping"), *rubs)):
+        rubs = dry_friction(model, model.tendon_solimp_fri, model.tendon_solref_fri, pulls)
+        columns = (*columns, pulls, field("tendon_damping"), field("tendon_frictionloss"), *rubs)
+        for k, column in enumerate(columns):
             out[:, at + k : at + TENDON * model.ntendon : TENDON] = column
     at += TENDON * model.ntendon
     for k, i in enumerate(tied.tolist()):
         both = [int(model.jnt_dofadr[j]) for j in (model.eq_obj1id[i], model.eq_obj2id[i]) if j >= 0]
         begin = at + EQUALITY * k
-        out[:, begin : begin + 2] = _reference(model, model.eq_solref[i], _clipped(model.eq_solimp[i])[1])
+        out[:, begin : begin + 2] = reference(model, model.eq_solref[i], clipped(model.eq_solimp[i])[1])
         out[:, begin + 2] = weight[:, both].sum(axis=1)
     return out
 
