@@ -10,12 +10,12 @@ stretches are divided instead, and the statistic is reduced where runs scatter b
 """
 
 from dataclasses import dataclass
+from itertools import combinations
 from math import comb
 
 import numpy as np
 from scipy.special import ndtri, stdtr, stdtrit
 
-from residual_mpc.comparison.run_divisions import every_division
 from residual_mpc.comparison.run_scatter import RunScatter, run_scatter
 from residual_mpc.comparison.settings import ContrastSettings
 from residual_mpc.comparison.units import Units, averaged
@@ -32,7 +32,8 @@ class Differences:
     """One entry per hypothesis, (N,) each. before: mean estimate of the earlier set; dose: how much larger that of the
     later set is; z: standardised statistic; p: probability that the largest |z| of all hypotheses is at least this
     large by chance; alone: the same for the |z| of this hypothesis by itself; visible: minimum detectable dose, found
-    in at least four cases of five."""
+    in at least four cases of five. Beside them, for other divisions: left (U, N), the clipped residuals of the
+    regression on the conditions alone; conditions (U, k), the constant included."""
 
     before: np.ndarray
     dose: np.ndarray
@@ -40,6 +41,8 @@ class Differences:
     p: np.ndarray
     alone: np.ndarray
     visible: np.ndarray
+    left: np.ndarray
+    conditions: np.ndarray
 
 
 def permuted(
@@ -72,7 +75,7 @@ def permuted(
     visible = _visible(left, slope, largest, scatter, x, units, settings)
     return Differences(
         np.where(there, dosed[0], 0.0), np.where(there, dosed[-1], 0.0), z, np.where(there, p, 1.0),
-        np.where(there, alone, 1.0), np.where(there, visible, np.inf),
+        np.where(there, alone, 1.0), np.where(there, visible, np.inf), left, x,
     )  # fmt: skip
 
 
@@ -122,7 +125,7 @@ def _statistics(
         z, lots = _against_lots(summed, averaged(x, at, runs), later, settings)
         return z, lots, scatter
     z, lots = _against_lots(left, x, units.later, settings)
-    return _with_few_runs(z, scatter, units.count - 1 - x.shape[1], units.count), lots, scatter
+    return with_few_runs(z, scatter, units.count - 1 - x.shape[1], units.count), lots, scatter
 
 
 def _against_lots(
@@ -130,17 +133,29 @@ def _against_lots(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The statistic of each division is what it would be had that division been the actual one, so that the test is
     nearly exact if the runs are divided, and were divided at random (Draper and Stoneman 1966)."""
+    divisions = np.concatenate([later[None, :], _other_divisions(later, settings.lots)])
+    z = standardised(left, x, divisions)
+    return z[0], z[1:]
+
+
+def standardised(left: np.ndarray, x: np.ndarray, later: np.ndarray) -> np.ndarray:
+    """(L, N) the sums of residuals left (U, N) over the later set of each division (L, U) bool, beside the conditions
+    x (U, k), in standard deviations."""
     left = left - left.mean(axis=0)
-    size = np.sqrt(np.sum(left**2, axis=0) / max(len(later) - 1, 1)) + TINY
-
-    def statistics(divisions: np.ndarray) -> np.ndarray:
-        label = _unforeseen(divisions, x)
-        return np.asarray(label @ left / (np.sqrt(np.sum(label**2, axis=1, keepdims=True)) * size + TINY))
-
-    return statistics(later[None, :])[0], statistics(_divisions(later, settings.lots))
+    size = np.sqrt(np.sum(left**2, axis=0) / max(len(left) - 1, 1)) + TINY
+    label = _unforeseen(later, x)
+    return np.asarray(label @ left / (np.sqrt(np.sum(label**2, axis=1, keepdims=True)) * size + TINY))
 
 
-def _divisions(later: np.ndarray, most: int) -> np.ndarray:
+def every_division(n: int, k: int) -> np.ndarray:
+    """(L, n) bool: all divisions of n things into k later ones and the others."""
+    out = np.zeros((comb(n, k), n), dtype=bool)
+    for i, chosen in enumerate(combinations(range(n), k)):
+        out[i, list(chosen)] = True
+    return out
+
+
+def _other_divisions(later: np.ndarray, most: int) -> np.ndarray:
     """(L, n) bool: other divisions of the units into two sets of these sizes, all of them if there are few."""
     n, k = len(later), int(later.sum())
     if comb(n, k) > most:
@@ -201,7 +216,7 @@ def _many(runs: int, units: Units, settings: ContrastSettings) -> bool:
     return comb(runs, len(np.unique(units.run[units.later]))) >= settings.labellings
 
 
-def _with_few_runs(z: np.ndarray, scatter: RunScatter, stretches: int, count: int) -> np.ndarray:
+def with_few_runs(z: np.ndarray, scatter: RunScatter, stretches: int, count: int) -> np.ndarray:
     """The statistic of `count` stretches if there are too few runs to divide: reduced where runs scatter by more than
     their stretches explain, and adjusted to the tails of Student's distribution with so few degrees of freedom.
     stretches: degrees of freedom of the variance of the stretches."""

@@ -1,24 +1,66 @@
-"""Exact test over all divisions of a few runs: whether a single change explains more between the two sets than between
-any other two sets of the same runs.
+"""Exact tests over the divisions of a few runs into two sets: whether the actual sets differ by more than any other two
+sets of the same runs.
 
-The statistic of a division is the largest predicted drop of the cost by one change. If nothing changed, the runs could
-have been divided in any way, so the rank of the actual division among all divisions is an exact p (Fisher 1935, section
-21), whatever the residuals' distribution, and the largest of all changes needs no correction for their number. The
-contrasts, which are standardised, see small changes beside larger, steady errors; this test sees changes that explain
-much, even where the runs differ by more than a few of them can tell.
+If nothing changed, the runs could have been divided in any way, so the rank of a statistic of the actual division among
+those of all divisions is an exact p (Fisher 1935, section 21), whatever the residuals' distribution. The largest
+statistic of all changes is ranked, so that their number needs no correction (Westfall and Young 1993, algorithm 2.8).
+
+Two statistics see different changes. The predicted drop of the cost by one change sees what explains much, even where
+the runs differ by more than a few of them can tell. The standardised difference of the sets (see `permutation`) sees a
+small change beside larger, steady errors. With enough runs, p is the rank of the smaller of two numbers: the rank of
+the standardised difference, and the product of both ranks. With few runs the drop alone is ranked, and combined with
+the test of the stretches.
 """
 
-from itertools import combinations
+from dataclasses import dataclass
 from math import comb
 
 import numpy as np
 
+from residual_mpc.comparison.permutation import Differences, every_division, standardised, with_few_runs
+from residual_mpc.comparison.run_scatter import run_scatter
 from residual_mpc.comparison.settings import ContrastSettings
 from residual_mpc.comparison.units import Units
 
 FAINT = 1e-6  # of a direction's size in all runs: below it, a set tells nothing of it
 TINY = 1e-300
 SAME = 1e-9  # relative difference below which two divisions tie
+
+
+@dataclass(frozen=True, eq=False)
+class RunDivisions:
+    """at (U,): the run of each unit; later (R,) bool: the runs of the later set; smallest: p of a division that is more
+    extreme than all others."""
+
+    at: np.ndarray
+    later: np.ndarray
+    smallest: float
+
+    @property
+    def count(self) -> int:
+        """Of all divisions into sets of these sizes."""
+        return comb(len(self.later), int(self.later.sum()))
+
+    def every(self) -> np.ndarray:
+        """(L, R) bool"""
+        return every_division(len(self.later), int(self.later.sum()))
+
+    def drawn(self, most: int) -> np.ndarray:
+        """(L, R) bool: the actual division first, and others, at most so many in all."""
+        others = self.every()
+        others = others[(others != self.later).any(axis=1)]
+        if len(others) >= most:
+            others = others[np.random.default_rng(most).choice(len(others), most - 1, replace=False)]
+        return np.concatenate([self.later[None], others])
+
+
+def run_divisions(units: Units) -> RunDivisions:
+    """The divisions of the runs of these units."""
+    at = np.unique(units.run, return_inverse=True)[1]
+    later = np.zeros(int(at.max()) + 1, dtype=bool)
+    later[at] = units.later
+    alike = 2 if 2 * int(later.sum()) == len(later) else 1  # two sets that are swapped are the same division
+    return RunDivisions(at, later, alike / comb(len(later), int(later.sum())))
 
 
 def p_of_divisions(
@@ -30,30 +72,56 @@ def p_of_divisions(
     size, score (U, N): for each unit and change, the products of a direction with itself and with the residuals; misfit
     (U, N): mean square of the residuals that the unit's own estimate leaves.
     """
-    at = np.unique(units.run, return_inverse=True)[1]
-    runs = int(at.max()) + 1
-    later = np.zeros(runs, dtype=bool)
-    later[at] = units.later
-    count = comb(runs, int(later.sum()))
-    alike = 2 if 2 * int(later.sum()) == runs else 1  # two sets that are swapped are the same division
-    if alike / count > settings.of_runs or count >= settings.labellings:
+    runs = run_divisions(units)
+    if runs.smallest > settings.of_runs or runs.count >= settings.labellings:
         return None
-    least = np.maximum(misfit, 1e-9 * misfit.max(axis=0, initial=0.0) + 1e-30)
-    sizes, scores = np.zeros((runs, size.shape[1])), np.zeros((runs, size.shape[1]))
-    np.add.at(sizes, at, size / least)
-    np.add.at(scores, at, score / least)
-    divisions = every_division(runs, int(later.sum()))
-    drops = _drops(divisions.astype(float), sizes, scores).max(axis=1, initial=0.0)
-    own = float(_drops(later[None].astype(float), sizes, scores).max(initial=0.0))
+    drops = _drops_of(runs, runs.every(), size, score, misfit).max(axis=1, initial=0.0)
+    own = float(_drops_of(runs, runs.later[None], size, score, misfit).max(initial=0.0))
     return float(np.mean(drops >= own * (1.0 - SAME))) if own > 0.0 else 1.0
 
 
-def every_division(n: int, k: int) -> np.ndarray:
-    """(L, n) bool: all divisions of n things into k later ones and the others."""
-    out = np.zeros((comb(n, k), n), dtype=bool)
-    for i, chosen in enumerate(combinations(range(n), k)):
-        out[i, list(chosen)] = True
-    return out
+def p_of_runs(
+    found: Differences, size: np.ndarray, score: np.ndarray, misfit: np.ndarray, units: Units,
+    settings: ContrastSettings,
+) -> np.ndarray | None:  # fmt: skip
+    """(N,) exact p of each change, from both statistics; None where there are too few divisions for it, or so many that
+    the contrasts divide the runs themselves. found: of these N changes, and of the size of the residuals last; the
+    others as in `p_of_divisions`."""
+    runs = run_divisions(units)
+    if runs.smallest > settings.by_runs_alone or runs.count >= settings.labellings:
+        return None
+    divisions = runs.drawn(settings.run_lots)
+    z = np.abs(_standardised(found, runs, divisions))
+    own, others = _shares_beyond(z)
+    own_drop, others_drop = _shares_beyond(_drops_of(runs, divisions, size, score, misfit))
+    own_both, others_both = _shares_below(own * own_drop, others * others_drop)
+    return _shares_below(np.minimum(own, own_both), np.minimum(others, others_both))[0]
+
+
+def _standardised(found: Differences, runs: RunDivisions, divisions: np.ndarray) -> np.ndarray:
+    """(L, N) the standardised differences of all changes for L divisions of the runs."""
+    left, x, labels = found.left[:, :-1], found.conditions, divisions[:, runs.at]
+    z = standardised(left, x, labels)
+    freedom = len(left) - 1 - x.shape[1]
+    scatters = (run_scatter(left, runs.at, later, x.shape[1]) for later in labels)
+    return np.array([with_few_runs(a, s, freedom, len(left)) for a, s in zip(z, scatters, strict=True)])
+
+
+def _shares_beyond(statistics: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of statistics (L, N), of the actual division first: the share of the divisions whose largest one is at least that
+    of each change (N,), and at least the largest one of each division (L,)."""
+    largest = statistics.max(axis=1, initial=0.0)
+    ranked = np.sort(largest)
+    own, others = (np.searchsorted(ranked, x * (1.0 - SAME), side="left") for x in (statistics[0], largest))
+    return 1.0 - own / len(ranked), 1.0 - others / len(ranked)
+
+
+def _shares_below(own: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The share of the divisions whose number, of `others` (L,), is at most that of each change, `own` (N,), and of
+    each division."""
+    ranked = np.sort(others)
+    counts = (np.searchsorted(ranked, x * (1.0 + SAME), side="right") for x in (own, others))
+    return tuple(np.asarray(count / len(ranked)) for count in counts)  # type: ignore[return-value]
 
 
 def combined(one: np.ndarray, other: float | None) -> np.ndarray:
@@ -63,6 +131,17 @@ def combined(one: np.ndarray, other: float | None) -> np.ndarray:
         return one
     both = np.maximum(one * other, TINY)
     return np.asarray(both * (1.0 - np.log(both)))
+
+
+def _drops_of(
+    runs: RunDivisions, divisions: np.ndarray, size: np.ndarray, score: np.ndarray, misfit: np.ndarray
+) -> np.ndarray:
+    """(L, N) drop of the cost by each of N changes for divisions (L, R) bool."""
+    least = np.maximum(misfit, 1e-9 * misfit.max(axis=0, initial=0.0) + 1e-30)
+    sizes, scores = np.zeros((len(runs.later), size.shape[1])), np.zeros((len(runs.later), size.shape[1]))
+    np.add.at(sizes, runs.at, size / least)
+    np.add.at(scores, runs.at, score / least)
+    return _drops(divisions.astype(float), sizes, scores)
 
 
 def _drops(later: np.ndarray, size: np.ndarray, score: np.ndarray) -> np.ndarray:

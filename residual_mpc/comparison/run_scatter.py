@@ -2,7 +2,9 @@
 
 A ratio of variances with so few degrees of freedom is mostly chance. All hypotheses are tested on the same runs, so the
 mean square between runs over that within them is shrunk towards the ratio of all of them, by as much as chance explains
-how they differ (empirical Bayes; Smyth 2004, section 6.2, with a ratio in place of a variance).
+how they differ (empirical Bayes; Smyth 2004, section 6.2, with a ratio in place of a variance). Hypotheses that only a
+few stretches tell anything about do not count: their ratios say nothing of the runs, and would make all others look
+as if they differed at random.
 """
 
 from dataclasses import dataclass
@@ -12,6 +14,7 @@ from scipy.special import polygamma, psi
 
 TINY = 1e-300
 ALIKE = 1e6  # degrees of freedom of a prior from which no ratio departs
+SEEN = 0.5  # of the stretches, which have to tell something of a hypothesis for its ratio to count for the others
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,12 +46,14 @@ def run_scatter(left: np.ndarray, at: np.ndarray, later: np.ndarray, known: int)
     of_stretches = np.maximum(whole - of_runs, 1e-9 * whole)
     seen = (of_runs > TINY) & (of_stretches > TINY)
     own = np.where(seen, of_runs / between / np.maximum(of_stretches / within, TINY), 1.0)
-    centre, prior = _prior(np.log(own[seen]), between, within)
+    known_well = seen & (np.count_nonzero(left, axis=0) >= SEEN * count)
+    typical = own[known_well] if known_well.any() else own[seen]
+    centre, prior = _prior(np.log(typical), between, within)
     f = np.maximum((prior * centre + between * own) / (prior + between), 1.0)
     # stretches of a run that are alike are no more than one observation
     alike = (f - 1.0) / (f - 1.0 + count / runs)
     freedom = 1.0 / (alike**2 / between + (1.0 - alike) ** 2 / others)
-    ratio = np.maximum(f * others / (between * f + within), _common(own[seen], between, within, others))
+    ratio = np.maximum(f * others / (between * f + within), _common(typical, between, within, others))
     return RunScatter(ratio, np.minimum(freedom, prior + between))
 
 

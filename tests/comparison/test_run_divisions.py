@@ -1,4 +1,4 @@
-"""The exact test over all divisions of a few runs, and p of two tests together."""
+"""The exact tests over all divisions of a few runs, and p of two tests together."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import pytest
 
 from residual_mpc.comparison import contrast
 from residual_mpc.comparison.contrast import Estimates
-from residual_mpc.comparison.run_divisions import combined, p_of_divisions
+from residual_mpc.comparison.permutation import permuted
+from residual_mpc.comparison.run_divisions import combined, p_of_divisions, p_of_runs
 from residual_mpc.comparison.settings import ContrastSettings
 from residual_mpc.comparison.units import Units, build_units
 
@@ -86,3 +87,44 @@ def test_a_comparison_uses_both_tests() -> None:
     p = p_of_divisions(*two, units, SETTINGS)
     for one, other in zip(alone.told, contrast.tested(of, units, SETTINGS).told, strict=True):
         assert other.p == pytest.approx(float(combined(np.array([one.p]), p)[0]))
+
+
+def of_both(parts: tuple[np.ndarray, np.ndarray, np.ndarray], units: Units) -> np.ndarray | None:
+    """p of each change from both statistics."""
+    found = permuted(*(np.column_stack([x, np.ones(len(x))]) for x in parts), units, replace(SETTINGS, lots=20))
+    return p_of_runs(found, *parts, units, SETTINGS)
+
+
+def test_p_of_both_statistics_is_exact() -> None:
+    """Over all divisions of nine runs, the smallest p is at most x in a share x of them at most, and nearly as
+    often."""
+    size, score, misfit = estimates(9, np.random.default_rng(4))
+    parts = size, score + 30.0 * size * np.random.default_rng(5).standard_normal(size.shape), misfit
+    every = [of_both(parts, units_of(9, c)) for c in combinations(range(9), 4)]
+    p = np.array([of_all.min() for of_all in every if of_all is not None])
+    assert len(p) == 126
+    for level in (0.03, 0.1, 0.3, 1.0):
+        assert level - 6.0 / len(p) <= (p <= level).mean() <= level
+
+
+def test_a_small_change_is_found_beside_large_steady_errors_of_the_runs() -> None:
+    """It explains far less than what the runs differ in, so the drop alone does not see it."""
+    size, score, misfit = estimates(10, np.random.default_rng(6))
+    units = units_of(10, (5, 6, 7, 8, 9))
+    score[:, -1] = size[:, -1] * (np.random.default_rng(7).standard_normal(30) + 5.0 * units.later)
+    p = of_both((size, score, misfit), units)
+    assert p is not None and p[-1] == p.min() <= 0.032
+    assert p_of_divisions(size, score, misfit, units, SETTINGS) > 0.1  # type: ignore[operator]
+
+
+def test_so_few_runs_that_no_division_is_rare_are_judged_by_their_stretches_as_well() -> None:
+    assert of_both(estimates(8, np.random.default_rng(8)), units_of(8, (4, 5, 6, 7))) is None
+
+
+def test_many_divisions_are_drawn_at_random() -> None:
+    """Of 3432 divisions of 14 runs at most 500 are tried, so no p is smaller than 1 in 500."""
+    size, score, misfit = estimates(14, np.random.default_rng(9))
+    units = units_of(14, tuple(range(7, 14)))
+    score[units.later, 3] += 1000.0 * size[units.later, 3]
+    p = of_both((size, score, misfit), units)
+    assert p is not None and p[3] == pytest.approx(1.0 / 500.0)

@@ -47,3 +47,15 @@ def test_a_hypothesis_whose_runs_seem_alike_by_chance_is_no_exception() -> None:
 def test_one_stretch_a_run_has_no_more_to_tell() -> None:
     scatter = run_scatter(drawn(1.0, 2)[::4], np.arange(6), np.arange(6) >= 3, 1)
     assert (scatter.ratio == 1.0).all() and (scatter.freedom == 4.0).all()
+
+
+def test_hypotheses_of_which_few_stretches_tell_anything_say_nothing_of_the_others() -> None:
+    """A tenth of the hypotheses act in one stretch of each set only, so their runs seem alike to the last digit."""
+    left = drawn(0.0, 3)
+    few = left.copy()
+    few[:, :10] = 0.0
+    few[[0, 12], :10] = 1.0
+    few[[0, 12], :10] += 1e-15 * np.arange(10)
+    alone, among = run_scatter(left[:, 10:], RUN, LATER, 1), run_scatter(few, RUN, LATER, 1)
+    assert among.freedom[10:] == pytest.approx(alone.freedom)
+    assert among.ratio[10:] == pytest.approx(alone.ratio)
