@@ -26,6 +26,7 @@ from residual_mpc.comparison.sets import TwoSets
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.sizes import came_to_nothing, changed_numbers, least_half, to_the_end
 from residual_mpc.comparison.space import ChangeSpace
+from residual_mpc.comparison.suspect import suspect_note
 from residual_mpc.comparison.thresholds import spread_of
 from residual_mpc.comparison.units import Units
 from residual_mpc.comparison.visible import smallest_visible
@@ -193,6 +194,7 @@ def _judged(
         ),
         notes=(
             *(_leading(last, settings) if verdict == "unknown" else ()),
+            *(suspect_note(space, left.told, settings.suspected) if verdict == "same" else ()),
             *_driving(sets, gap, verdict, settings),
         ),
     )

@@ -103,7 +103,8 @@ class ComparisonSettings:
     left where the changes are to explain it. rises: ratio of the gap after to the gap before above which the verdict is
     `unknown` instead of `same`, where every later run fits far worse. unlike: ratio between the sets of the size or the
     speed of the commands, from which a note says that they differ, where the gap after is more than `worse` times that
-    before or changes leave something. hidden: of what all model errors beyond the noise
+    before or changes leave something. suspected: p up to which the change that is nearest to being significant is noted
+    where none is. hidden: of what all model errors beyond the noise
     would make of a change if they pointed in its direction, the part that its interval allows for. folds: of the
     cross-validation."""
 
@@ -116,6 +117,7 @@ class ComparisonSettings:
     rises: float = 3.0
     unlike: float = 1.5
     worse: float = 1.5
+    suspected: float = 0.3
     hidden: float = 0.1
     folds: int = 4
     account: AccountSettings = field(default_factory=AccountSettings)
@@ -124,5 +126,5 @@ class ComparisonSettings:
     results: ResultSettings = field(default_factory=ResultSettings)
 
     def __post_init__(self) -> None:
-        check_share(self, "sure", "sure_partial", "doubtful", "faint", "named", "unexplained", "hidden")
+        check_share(self, "sure", "sure_partial", "doubtful", "faint", "named", "unexplained", "suspected", "hidden")
         check_positive(self, "rises", "unlike", "worse", "folds")
