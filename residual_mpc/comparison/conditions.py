@@ -49,19 +49,43 @@ def balanced(columns: np.ndarray, later: np.ndarray, most: int, apart: float) ->
 def driven_differently(data: Dataset, later: np.ndarray, unlike: float) -> str:
     """How the commands of the later windows (W,) bool differ in size and speed, in words; empty where both ratios are
     below `unlike`."""
+    words = ("vary {} times as much", "change {} times as fast")
+    ratios = (_ratio(squares, later) for squares in _command_squares(data))
+    return " and ".join(w.format(f"{r:.2g}") for w, r in zip(words, ratios, strict=True) if _apart(r, unlike))
+
+
+def unlike_of(data: Dataset, later: np.ndarray, unlike: float) -> np.ndarray:
+    """(W, 0 to 2) logarithms of the size and the speed of the commands, of those in which the later windows (W,) bool
+    differ by at least the ratio `unlike`, each with mean 0 and variance 1. What the model gets wrong may depend on
+    them: it then looks like a change."""
+    columns = [
+        _standard(np.log(np.sqrt(squares.mean(axis=1)) + LEAST))
+        for squares in _command_squares(data)
+        if _apart(_ratio(squares, later), unlike)
+    ]
+    return np.column_stack(columns) if columns else np.zeros((data.count, 0))
+
+
+def _command_squares(data: Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """(W, nu) each: the variance of each command within a window, and the mean square of its rate."""
     size, rate = np.zeros((2, data.count, max(b.drive.command.shape[2] for b in data.blocks)))
     for b in data.blocks:
         u = b.drive.command[:, b.drive.lead :]
         size[b.where, : u.shape[2]] = u.var(axis=1)
         rate[b.where, : u.shape[2]] = (np.diff(u, axis=1) ** 2).mean(axis=1) / b.drive.dt**2
-    said = []
-    for squares, what in ((size, "vary {} times as much"), (rate, "change {} times as fast")):
-        before, after = squares[~later].mean(axis=0), squares[later].mean(axis=0)
-        there = (before > 0.0) & (after > 0.0)
-        ratio = float(np.exp(0.5 * np.mean(np.log(after[there] / before[there])))) if there.any() else 1.0
-        if not 1.0 / unlike <= ratio <= unlike:
-            said.append(what.format(f"{ratio:.2g}"))
-    return " and ".join(said)
+    return size, rate
+
+
+def _ratio(squares: np.ndarray, later: np.ndarray) -> float:
+    """Of the later windows to the others: the geometric mean over the commands of the ratios of their root mean
+    squares."""
+    before, after = squares[~later].mean(axis=0), squares[later].mean(axis=0)
+    there = (before > 0.0) & (after > 0.0)
+    return float(np.exp(0.5 * np.mean(np.log(after[there] / before[there])))) if there.any() else 1.0
+
+
+def _apart(ratio: float, unlike: float) -> bool:
+    return not 1.0 / unlike <= ratio <= unlike
 
 
 def _moved(data: Dataset, scales: Scales) -> np.ndarray:

@@ -29,7 +29,7 @@ def named_changes(
         probability = sure * rivals.shares.get(c.term, 1.0) * max(1.0 - c.p, by_fit)
         numbers = changed_numbers(problem, fit, c.term, spread, least_half(problem, fit, c.term, settings))
         unsized = any(n.note for n in numbers) or all(n.may_be_none for n in numbers)
-        if unsized or rivals.parts.get(c.term, 1.0) < settings.faint:
+        if c.by_fit_alone or unsized or rivals.parts.get(c.term, 1.0) < settings.faint:
             probability = min(probability, settings.doubtful)
         out.append(Change(plain(c.term), probability, c.p, numbers, effect.summary, only))
     return tuple(out)

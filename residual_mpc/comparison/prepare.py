@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.comparison.conditions import balanced, conditions_of, driving_of
+from residual_mpc.comparison.conditions import balanced, conditions_of, driving_of, unlike_of
 from residual_mpc.comparison.sets import TwoSets, cut, units_of, windows_of
 from residual_mpc.comparison.settings import ComparisonSettings, ContrastSettings
 from residual_mpc.comparison.space import ChangeSpace, change_space
@@ -17,6 +17,7 @@ from residual_mpc.diagnosis.fit.channel_weights import weighed_by_residuals
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.predict.horizons import foretold, longer_horizons
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
+from residual_mpc.diagnosis.predict.references import ends_of
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
@@ -74,7 +75,8 @@ def space_for(given: ComparisonInput, sets: TwoSets) -> ChangeSpace:
             "`only`" if options.only else "`without`" if options.without else "",
             "leave out fewer effects, or record longer runs",
         )
-    return change_space(whole, given.robots[: len(given.before)], given.robots[len(given.before) :])
+    ends = ends_of(sets.clean, np.flatnonzero(sets.later).tolist())
+    return change_space(whole, given.robots[: len(given.before)], given.robots[len(given.before) :], ends)
 
 
 def problem_on(
@@ -107,10 +109,12 @@ def units_for(data: Dataset, sets: TwoSets, given: ComparisonInput, settings: Co
 
 
 def stretches_of(data: Dataset, sets: TwoSets, given: ComparisonInput, settings: ComparisonSettings) -> Units:
-    """The stretches of these windows, with the conditions that do not depend on which set a run belongs to."""
+    """The stretches of these windows, with the conditions that do not depend on which set a run belongs to, and with
+    those in which the sets are driven differently."""
     number = units_of(data, sets.later, settings.contrast)
     conditions = conditions_of(data, sets.scales, given.robots, sets.later)
-    return build_units(number, sets.side(data), data.run, conditions)
+    unlike = unlike_of(data, sets.side(data), settings.unlike)
+    return build_units(number, sets.side(data), data.run, np.column_stack([conditions, unlike]))
 
 
 def with_driving(units: Units, driving: np.ndarray, settings: ContrastSettings) -> Units:

@@ -24,11 +24,13 @@ FARTHEST = 5.0  # largest absolute logarithm of a factor's starting value
 @dataclass(frozen=True)
 class FoundChange:
     """term: a change; p: probability of such a difference within one set of runs, by the test of the contrasts; by_fit:
-    the same by what its fit explains (see `p_of_fit`)."""
+    the same by what its fit explains (see `p_of_fit`); by_fit_alone: whether no test was significant when it was
+    found."""
 
     term: Term
     p: float
     by_fit: float = 1.0
+    by_fit_alone: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +130,8 @@ def _forward(
                 best = _best(problem, current, units, differences.told, settings)
             else:
                 best = _chosen(problem, units, choice, current, differences.told, settings)
+        if best is None and len(changes) < tuned.most and differences.p > level:
+            best = _dominant(problem, current, units, differences.told, level, settings)
         if best is None:
             return FoundChanges(current, base, tuple(changes), differences, dispersion(current, units.number))
         current, change = best
@@ -285,6 +289,23 @@ def _best(
     best = min(equal, key=lambda one: place((one.lead.term,)))
     by_fit = p_of_fit(best, phi, units, len({c.term for c in told}))
     return best.fit, FoundChange(best.lead.term, p[best.lead.term], by_fit)
+
+
+def _dominant(
+    problem: Problem, current: Fit, units: Units, told: Sequence[Contrast], level: float, settings: ComparisonSettings
+) -> tuple[Fit, FoundChange] | None:
+    """The fit with a change that removes most of all that is left, where no test is significant and its fit is; None
+    where there is none. A stop that a joint meets in a few stretches is such a change: the others tell nothing of it,
+    so that the differences of all of them cannot become significant."""
+    least = settings.search.dominant * current.cost
+    leads = sorted((c for c in told if c.drop >= least), key=lambda c: -c.drop)
+    fitted = [one for one in fitted_leads(problem, current, leads, settings) if one.drop >= least] if leads else []
+    if not fitted:
+        return None
+    best = fitted[0]
+    by_fit = p_of_fit(best, dispersion(best.fit, units.number), units, len({c.term for c in told}))
+    p = min(c.p for c in told if c.term == best.lead.term)
+    return (best.fit, FoundChange(best.lead.term, p, by_fit, True)) if by_fit <= level else None
 
 
 def p_of_fit(one: FittedLead, phi: float, units: Units, hypotheses: int) -> float:

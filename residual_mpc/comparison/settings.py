@@ -71,7 +71,8 @@ class ChangeSearchSettings:
     explains may favour either; equal: likelihood ratio below which the first in the contract's table is
     preferred; rivals: number of rivals that are compared with a change beside the same model errors; far_worse: ratio
     of the residuals of every later run to those of every run before, above which a search that found nothing begins
-    again from the model of the runs before. steps: simulation steps that one hypothesis may cost in the search;
+    again from the model of the runs before; dominant: share of the cost that a single change has to remove for its fit
+    to speak for it where no test is significant. steps: simulation steps that one hypothesis may cost in the search;
     final_steps: the same in the last fit and the tests."""
 
     shortlist: int = 14
@@ -85,6 +86,7 @@ class ChangeSearchSettings:
     equal: float = 1.5
     rivals: int = 4
     far_worse: float = 2.0
+    dominant: float = 0.5
     steps: int = 40_000
     final_steps: int = 100_000
 
@@ -92,21 +94,22 @@ class ChangeSearchSettings:
         check_positive(self, "shortlist", "finalists", "rough", "most", "needed", "alike", "hardly", "resembles",
                        "equal", "rivals", "far_worse")  # fmt: skip
         check_positive(self, "steps", "final_steps")
+        check_share(self, "dominant")
 
 
 @dataclass(frozen=True)
 class ComparisonSettings:
     """sure: the largest probability of a change; sure_partial: where the sets differ by more than the named changes,
     times the share that these explain; named: if that product is lower, no change is named; doubtful: of a change with
-    a number at a bound, one whose intervals contain no change, or one that explains less than the share `faint` of what
-    all changes explain: the model predicts no large change better than that. unexplained: share of the rise that may be
-    left where the changes are to explain it. rises: ratio of the gap after to the gap before above which the verdict is
-    `unknown` instead of `same`, where every later run fits far worse. unlike: ratio between the sets of the size or the
-    speed of the commands, from which a note says that they differ, where the gap after is more than `worse` times that
-    before or changes leave something. suspected: p up to which the change that is nearest to being significant is noted
-    where none is. hidden: of what all model errors beyond the noise
-    would make of a change if they pointed in its direction, the part that its interval allows for. folds: of the
-    cross-validation."""
+    a number at a bound, one whose intervals contain no change, one that its fit alone speaks for, or one that explains
+    less than the share `faint` of what all changes explain: the model predicts no large change better than that.
+    unexplained: share of the rise that may be left where the changes are to explain it. rises: ratio of the gap after
+    to the gap before above which the verdict is `unknown` instead of `same`, where every later run fits far worse.
+    unlike: ratio between the sets of the size or the speed of the commands, from which the test adjusts for them, and
+    a note says that they differ where the gap after is more than `worse` times that before or changes leave something.
+    suspected: p up to which the change that is nearest to being significant is noted where none is. hidden: of what
+    all model errors beyond the noise would make of a change if they pointed in its direction, the part that its
+    interval allows for. folds: of the cross-validation."""
 
     sure: float = 0.97
     sure_partial: float = 0.8

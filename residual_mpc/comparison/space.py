@@ -13,7 +13,7 @@ from residual_mpc.models.settings import Knob, Settings, Term, Values
 
 LARGEST_RATIO = 20.0  # by which a factor may change
 FEW = 3  # probes of a change
-
+NONE: Mapping[tuple[str, str], float] = {}
 
 Limits = Mapping[Knob, tuple[float, float]]
 
@@ -117,15 +117,21 @@ def change_between(p: Parameter, before: float, after: float) -> float:
     return after / before if p.null == 1.0 else after - before
 
 
-def change_space(space: Space, earlier: Sequence[Robot] = (), later: Sequence[Robot] = ()) -> ChangeSpace:
+def change_space(
+    space: Space,
+    earlier: Sequence[Robot] = (),
+    later: Sequence[Robot] = (),
+    later_ends: Mapping[tuple[str, str], float] = NONE,
+) -> ChangeSpace:
     """The same references, with a change of every candidate in place of the candidates; earlier, later: the nominal
-    models of the two sets, whose limits hold."""
+    models of the two sets, whose limits hold; later_ends: how far the joints go in the later set, beyond which a new
+    stop may be (see `ends_of`)."""
     return ChangeSpace(
         space.robot,
         space.slots,
         tuple(t._replace(changed=True) for t in space.candidates),
         space.tunables,
-        space.references,
+        {**space.references, **later_ends},
         {t._replace(changed=True): why for t, why in space.ruled_out.items()},
         _limits(space, earlier),
         _limits(space, later),

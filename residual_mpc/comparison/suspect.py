@@ -39,4 +39,4 @@ def _size(space: ChangeSpace, of: Contrast) -> str:
     p, (value,) = numbers[0], (v for k, v in of.probe.items() if k.parameter == numbers[0].name)
     if p.null == 1.0:
         return f" by about {of.dose * (value - 1.0):+.1%}"
-    return f" by about {of.dose * (value - p.null):+.2g} {unit_of(space.robot, of.term, p.unit)}"
+    return f" by about {of.dose * (value - p.null):+.2g} {unit_of(space.robot, of.term, p.unit)}".removesuffix(" 1")

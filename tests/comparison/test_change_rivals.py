@@ -147,6 +147,9 @@ def test_a_change_that_only_its_fit_shows_is_no_more_than_possible(
     problem: Any = SimpleNamespace(space=SimpleNamespace(slots={LATE.effect: ()}))
     (change,) = named.named_changes(problem, Any, told, Any, sure, ComparisonSettings())
     assert change.probability == pytest.approx(expected)
+    found.changes = (FoundChange(LATE, p, by_fit, by_fit_alone=True),)
+    (change,) = named.named_changes(problem, Any, told, Any, sure, ComparisonSettings())
+    assert change.probability == pytest.approx(min(expected, 0.45))
 
 
 def test_what_serves_as_well_on_both_sets_is_no_rival_of_a_change(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,6 +17,7 @@ from residual_mpc.comparison.search import (
     FittedLead,
     FoundChanges,
     _all_far_worse,
+    _dominant,
     fitted_leads,
     p_of_fit,
     search_changes,
@@ -216,3 +217,29 @@ def test_a_change_that_explains_much_is_no_chance_even_where_no_probe_shows_it()
     few = build_units(units.run, units.later[: units.count], units.run, np.zeros((units.count, 1)))
     two = replace(few, run=np.minimum(few.run, 1))
     assert p_of_fit(one, 1.0, two, 40) == 1.0  # two runs differ in everything
+
+
+@pytest.mark.parametrize(
+    ("predicted", "reached", "found"),
+    [(60.0, 60.0, True), (40.0, 60.0, False), (60.0, 40.0, False), (90.0, -1.0, False)],
+)
+def test_what_removes_most_of_the_cost_is_fitted_where_no_test_is_significant(
+    predicted: float, reached: float, found: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a cost of 100, in 16 stretches of eight runs: the drop that is predicted and the one that is reached have to
+    be more than half of it."""
+    run = np.repeat(np.arange(8), 2)
+    units = Units(np.arange(16), run > 3, run, np.zeros((16, 1)))
+    lead = Contrast(LIMIT, {Knob("saturation", None, "limit", True): 5.0}, 0.0, 1.0, predicted, 1.5, 0.3, 0.1)
+    fit = SimpleNamespace(knobs=tuple(lead.probe), cost=100.0 - reached)
+    common = SimpleNamespace(cost=100.0)
+    monkeypatch.setattr(search, "fitted_leads", lambda *given: [FittedLead(lead, fit, common)])  # type: ignore[arg-type]
+    monkeypatch.setattr(search, "dispersion", lambda *given: 0.5)
+    current: Any = SimpleNamespace(cost=100.0)
+    best = _dominant(Any, current, units, [lead], 0.01, ComparisonSettings())
+    assert (best is not None) is found
+    if best is not None:
+        change = best[1]
+        assert change.by_fit_alone and change.p == 0.3 and change.by_fit < 0.01
+    monkeypatch.setattr(search, "dispersion", lambda *given: 50.0)  # as large as by chance
+    assert _dominant(Any, current, units, [lead], 0.01, ComparisonSettings()) is None

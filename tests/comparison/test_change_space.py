@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from diagnosis.linear import ROVER, driven, space_of, windows
 from hypothesis import given
 from hypothesis import strategies as st
+from oracles.arms import arm_xml, robot_of
 from oracles.rover_log import SIGMA
 
 from residual_mpc.comparison.space import ChangeSpace, change_between, change_space, compose
 from residual_mpc.diagnosis.data.dataset import Block, Dataset, build_dataset, joined
 from residual_mpc.diagnosis.predict import replay
 from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.effects.effect import Parameter
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.models.settings import Knob, Settings, Term
@@ -204,3 +207,15 @@ def test_hypotheses_that_differ_on_the_later_runs_alone_are_replayed_once_on_the
     monkeypatch.setattr(replay, "_predict_block", counted)
     np.testing.assert_array_equal(predict(data, SPACE.settings(hypotheses)), each)
     assert rows == [(b.later, 4 if b.later else 2) for b in data.blocks]
+
+
+def test_a_new_stop_may_be_where_the_joints_of_the_later_set_end(tmp_path: Path) -> None:
+    """The runs before went beyond it."""
+    robot = robot_of(tmp_path, arm_xml())
+    references = {("highest", "j1"): 1.2, ("lowest", "j1"): -0.9}
+    stop = Term("end_stop", "j1")
+    whole = Space(robot, {"end_stop": ("j1", "j2")}, (stop,), (), references, {})
+    ends = {("highest", "j1"): 0.4, ("lowest", "j1"): -0.3}
+    for space, expected in ((change_space(whole), [1.2, -0.9]), (change_space(whole, later_ends=ends), [0.4, -0.3])):
+        probes = space.probes(stop._replace(changed=True))
+        assert sorted((v for probe in probes for v in probe.values()), reverse=True) == expected

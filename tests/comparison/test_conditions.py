@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from diagnosis.linear import windows
 
-from residual_mpc.comparison.conditions import balanced, driven_differently, driving_of
+from residual_mpc.comparison.conditions import balanced, driven_differently, driving_of, unlike_of
 
 LATER = np.arange(80) >= 40
 
@@ -51,3 +51,18 @@ def test_commands_that_are_larger_or_faster_after_are_said_to_be(size: float, sp
     drive = SimpleNamespace(command=np.stack([command, 0.0 * command], axis=2), lead=0, dt=0.01)
     data: Any = SimpleNamespace(count=80, blocks=[SimpleNamespace(drive=drive, where=slice(0, 80))])
     assert driven_differently(data, LATER, 1.5) == said
+
+
+@pytest.mark.parametrize(("size", "speed", "columns"), [(1.4, 1.0, 0), (0.5, 2.0, 1), (3.0, 1.0, 2)])
+def test_how_the_sets_are_driven_differently_is_a_condition(size: float, speed: float, columns: int) -> None:
+    """Each measure of the commands whose ratio reaches 1.5 is a column that is larger or smaller after."""
+    t = 2.0 * np.pi * np.arange(2000) / 1000.0
+    vary = np.tile(np.linspace(0.9, 1.1, 40), 2)[:, None]  # windows of a set are not all alike
+    command = vary * np.where(LATER[:, None], size * np.sin(speed * t), np.sin(t))
+    drive = SimpleNamespace(command=command[:, :, None], lead=0, dt=0.01)
+    data: Any = SimpleNamespace(count=80, blocks=[SimpleNamespace(drive=drive, where=slice(0, 80))])
+    found = unlike_of(data, LATER, 1.5)
+    assert found.shape == (80, columns)
+    np.testing.assert_allclose(found.mean(axis=0), 0.0, atol=1e-9)
+    for column in found.T:
+        assert np.sign(column[LATER].mean()) == (1.0 if size > 1.0 else -1.0)

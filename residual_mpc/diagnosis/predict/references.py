@@ -1,6 +1,6 @@
 """Typical sizes on the runs at hand, in whose units effects are probed and bounded."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -75,7 +75,7 @@ def measure_references(data: Dataset) -> dict[tuple[str, str], float]:
     sizes = {key: max(float(np.max(v)), 1e-6) for key, v in found.items()}
     sizes[RUN] = 1.0 / max(longest_run(data), 1e-3)
     sizes[BETWEEN] = _between_commands(data)
-    return sizes | _ends(data, optional.joints(data.blocks[0].robot))
+    return sizes | ends_of(data)
 
 
 def _between_commands(data: Dataset) -> float:
@@ -109,11 +109,15 @@ def _motion(data: Dataset, joint: str) -> tuple[float, float]:
     return size, float(np.quantile(np.concatenate(rates), 0.995))
 
 
-def _ends(data: Dataset, joints: Sequence[str]) -> dict[tuple[str, str], float]:
-    """The highest and the lowest position of every measured joint, rad (m)."""
+def ends_of(data: Dataset, runs: Collection[int] | None = None) -> dict[tuple[str, str], float]:
+    """The highest and the lowest position of every measured joint, rad (m), in these runs (default: in all)."""
     found: dict[tuple[str, str], float] = {}
-    for j in joints:
-        measured = [s.y for (_, c), s in data.signals.items() if c == f"position.{j}" and len(s.y)]
+    for j in optional.joints(data.blocks[0].robot):
+        measured = [
+            s.y
+            for (i, c), s in data.signals.items()
+            if c == f"position.{j}" and len(s.y) and (runs is None or i in runs)
+        ]
         if measured:
             low, high = np.quantile(np.concatenate(measured), ENDS)
             found |= {(HIGHEST, j): float(high), (LOWEST, j): float(low)}
