@@ -123,16 +123,17 @@ def estimates_of(problem: Problem, current: Fit, units: Units, probes: Sequence[
 
 def tested(of: Estimates, units: Units, settings: ContrastSettings) -> Contrasts:
     """Whether the estimates of the two sets differ by more than within each set: by the standardised differences, and,
-    with few runs, by what a change explains in all their divisions as well; with enough divisions these decide."""
+    with few runs, by what a change explains in all their divisions as well; with enough divisions also by the
+    differences in them. Of two tests the smaller p counts twice (Bonferroni)."""
     found = permuted(of.size, of.score, of.misfit, units, settings)
     information = [of.size[side].sum(axis=0) for side in (~units.later, units.later)]
     drop = found.dose**2 * information[0] * information[1] / np.maximum(sum(information), 1e-300)
     own = of.size[:, :-1], of.score[:, :-1], of.misfit[:, :-1]
-    exact = p_of_runs(found, *own, units, settings)
-    p = found.p if exact is None else np.append(exact, found.p[-1])
-    corrected = np.minimum(p / (1.0 - settings.of_size), 1.0)
-    if exact is None:
-        corrected = combined(corrected, p_of_divisions(*own, units, settings))
+    corrected = combined(np.minimum(found.p / (1.0 - settings.of_size), 1.0), p_of_divisions(*own, units, settings))
+    exact = p_of_runs(found, units, settings)
+    if exact is not None:  # which is none for the size of the residuals
+        exact = np.append(exact, 1.0) / (1.0 - settings.of_size)
+        corrected = np.minimum(2.0 * np.minimum(corrected, exact), 1.0)
     told = []
     for i, (term, probe) in enumerate(of.probes):
         k = 2 * i + int(found.p[2 * i + 1] < found.p[2 * i])

@@ -6,10 +6,9 @@ those of all divisions is an exact p (Fisher 1935, section 21), whatever the res
 statistic of all changes is ranked, so that their number needs no correction (Westfall and Young 1993, algorithm 2.8).
 
 Two statistics see different changes. The predicted drop of the cost by one change sees what explains much, even where
-the runs differ by more than a few of them can tell. The standardised difference of the sets (see `permutation`) sees a
-small change beside larger, steady errors. With enough runs, p is the rank of the smaller of two numbers: the rank of
-the standardised difference, and the product of both ranks. With few runs the drop alone is ranked, and combined with
-the test of the stretches.
+the runs differ by more than a few of them can tell; its p is combined with that of the stretches. The standardised
+difference of the sets (see `permutation`) sees a small change beside larger, steady errors: in each division the runs
+themselves say by how much they scatter, which the test of the stretches has to guess from all changes together.
 """
 
 from dataclasses import dataclass
@@ -80,22 +79,16 @@ def p_of_divisions(
     return float(np.mean(drops >= own * (1.0 - SAME))) if own > 0.0 else 1.0
 
 
-def p_of_runs(
-    found: Differences, size: np.ndarray, score: np.ndarray, misfit: np.ndarray, units: Units,
-    settings: ContrastSettings,
-) -> np.ndarray | None:  # fmt: skip
-    """(N,) exact p of each change, from both statistics; None where there are too few divisions for it, or so many that
-    the contrasts divide the runs themselves. found: of these N changes, and of the size of the residuals last; the
-    others as in `p_of_divisions`."""
+def p_of_runs(found: Differences, units: Units, settings: ContrastSettings) -> np.ndarray | None:
+    """(N,) the share of the divisions in which the largest standardised difference is at least that of each change;
+    None where there are too few divisions, or so many that the contrasts divide the runs themselves. found: of these N
+    changes, and of the size of the residuals last."""
     runs = run_divisions(units)
-    if runs.smallest > settings.by_runs_alone or runs.count >= settings.labellings:
+    if runs.smallest > settings.of_differences or runs.count >= settings.labellings:
         return None
-    divisions = runs.drawn(settings.run_lots)
-    z = np.abs(_standardised(found, runs, divisions))
-    own, others = _shares_beyond(z)
-    own_drop, others_drop = _shares_beyond(_drops_of(runs, divisions, size, score, misfit))
-    own_both, others_both = _shares_below(own * own_drop, others * others_drop)
-    return _shares_below(np.minimum(own, own_both), np.minimum(others, others_both))[0]
+    z = np.abs(_standardised(found, runs, runs.drawn(settings.run_lots)))
+    ranked = np.sort(z.max(axis=1, initial=0.0))
+    return 1.0 - np.searchsorted(ranked, z[0] * (1.0 - SAME), side="left") / len(ranked)
 
 
 def _standardised(found: Differences, runs: RunDivisions, divisions: np.ndarray) -> np.ndarray:
@@ -105,23 +98,6 @@ def _standardised(found: Differences, runs: RunDivisions, divisions: np.ndarray)
     freedom = len(left) - 1 - x.shape[1]
     scatters = (run_scatter(left, runs.at, later, x.shape[1]) for later in labels)
     return np.array([with_few_runs(a, s, freedom, len(left)) for a, s in zip(z, scatters, strict=True)])
-
-
-def _shares_beyond(statistics: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of statistics (L, N), of the actual division first: the share of the divisions whose largest one is at least that
-    of each change (N,), and at least the largest one of each division (L,)."""
-    largest = statistics.max(axis=1, initial=0.0)
-    ranked = np.sort(largest)
-    own, others = (np.searchsorted(ranked, x * (1.0 - SAME), side="left") for x in (statistics[0], largest))
-    return 1.0 - own / len(ranked), 1.0 - others / len(ranked)
-
-
-def _shares_below(own: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The share of the divisions whose number, of `others` (L,), is at most that of each change, `own` (N,), and of
-    each division."""
-    ranked = np.sort(others)
-    counts = (np.searchsorted(ranked, x * (1.0 + SAME), side="right") for x in (own, others))
-    return tuple(np.asarray(count / len(ranked)) for count in counts)  # type: ignore[return-value]
 
 
 def combined(one: np.ndarray, other: float | None) -> np.ndarray:

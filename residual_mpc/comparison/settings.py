@@ -12,12 +12,13 @@ class ContrastSettings:
     set is cut if it has fewer runs; fewest: number of stretches that a set must have. level: probability of a false
     change, over all hypotheses together; of_size: share of it for the sizes of the residuals; left: the same for a
     difference beyond the named changes; outliers: for a share of outliers. of_runs: the smallest p that the divisions
-    of the runs can give has to be at most this for them to be tested; by_runs_alone: the same for them alone to decide.
-    lots: maximum number of divisions that are tried; run_lots: the same where the runs' scatter is measured in each;
-    labellings: number of ways to divide the runs, below which stretches are divided; divisions: number of ways to
-    divide the stretches, below which Student's distribution is used; clip: standard deviations at which residuals are
-    clipped. units_per_condition: number of units needed for each component of the commands that the test adjusts for;
-    balanced: largest difference between the sets' means of such a component, in standard deviations."""
+    of the runs can give has to be at most this for what a change explains in them to be tested; of_differences: the
+    same for the differences. lots: maximum number of divisions that are tried; run_lots: the same where the runs'
+    scatter is measured in each; labellings: number of ways to divide the runs, below which stretches are divided;
+    divisions: number of ways to divide the stretches, below which Student's distribution is used; clip: standard
+    deviations at which residuals are clipped. units_per_condition: number of units needed for each component of the
+    commands that the test adjusts for; balanced: largest difference between the sets' means of such a component, in
+    standard deviations."""
 
     unit: float = 3.0
     units: int = 12
@@ -27,7 +28,7 @@ class ContrastSettings:
     left: float = 0.01
     outliers: float = 0.01
     of_runs: float = 0.03
-    by_runs_alone: float = 0.01
+    of_differences: float = 0.01
     lots: int = 2000
     run_lots: int = 500
     labellings: int = 10_000
@@ -39,7 +40,7 @@ class ContrastSettings:
     def __post_init__(self) -> None:
         check_positive(self, "unit", "units", "fewest", "lots", "run_lots", "labellings", "divisions", "clip",
                        "units_per_condition", "balanced")  # fmt: skip
-        check_share(self, "level", "of_size", "left", "outliers", "of_runs", "by_runs_alone")
+        check_share(self, "level", "of_size", "left", "outliers", "of_runs", "of_differences")
 
 
 @dataclass(frozen=True)
