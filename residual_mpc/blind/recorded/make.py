@@ -65,7 +65,7 @@ def make_recorded_suite(
     call that asked for other cases has begun a suite there.
     """
     check_apart(folder, answers)
-    carried_by(_two_halves(robot, runs, np.random.default_rng(0))[1], settings.kinds)  # before anything is written
+    carried_by(two_halves(robot, runs, np.random.default_rng(0))[1], settings.kinds)  # before anything is written
     (folder / "cases").mkdir(parents=True, exist_ok=True)
     answers.mkdir(parents=True, exist_ok=True)
     recipes = plan(robot.name, settings.cases, settings.first_seed, settings.test)
@@ -87,7 +87,7 @@ def changed_halves(
 ) -> tuple[Half, Half, Half, tuple[Change, ...]]:
     """(before, after untouched, after changed, the changes in the order in which they were put in) of one recipe."""
     rng = np.random.default_rng([recipe.seed, crc32(LEVEL.encode()), crc32(robot.name.encode())])
-    before, after = _two_halves(robot, runs, rng)
+    before, after = two_halves(robot, runs, rng)
     carried = carried_by(after, settings.kinds)
     changes = draw(carried, recipe, rng, UntouchedHalves.of(robot, before, after).sized) if recipe.number else ()
     changed = after
@@ -96,7 +96,8 @@ def changed_halves(
     return before, after, changed, changes
 
 
-def _two_halves(robot: RobotFile, runs: Sequence[Run], rng: np.random.Generator) -> tuple[Half, Half]:
+def two_halves(robot: RobotFile, runs: Sequence[Run], rng: np.random.Generator) -> tuple[Half, Half]:
+    """(before, after) of the runs, untouched."""
     aliases, settings = aliases_of(robot), settings_of(robot)
     tails = [run.name.rpartition("/")[2] for run in runs]
     short = len(set(tails)) == len(tails)
