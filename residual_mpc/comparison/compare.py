@@ -1,6 +1,6 @@
 """The whole comparison: cut both sets into windows, account for the robot, look for changes, and judge them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -8,8 +8,7 @@ from threadpoolctl import threadpool_limits
 from residual_mpc.comparison.account import account_of
 from residual_mpc.comparison.common_effects import with_common_effects
 from residual_mpc.comparison.conditions import driven_differently
-from residual_mpc.comparison.gaps import compared_gap
-from residual_mpc.comparison.named import may_be_none, named_changes, other_candidates, plain
+from residual_mpc.comparison.named import named_changes, other_candidates, plain
 from residual_mpc.comparison.outliers import changed_outliers
 from residual_mpc.comparison.prepare import (
     ComparisonInput,
@@ -19,24 +18,24 @@ from residual_mpc.comparison.prepare import (
     units_for,
     windows_for,
 )
-from residual_mpc.comparison.records import Change, ChangeCandidate, ComparedGap, Comparison, GapRise
-from residual_mpc.comparison.rivals import ChangeRivals, find_change_rivals
-from residual_mpc.comparison.search import FoundChanges, leading_change, search_changes, told_apart
+from residual_mpc.comparison.records import Change, ChangeCandidate, ComparedGap, Comparison
+from residual_mpc.comparison.rivals import find_change_rivals
+from residual_mpc.comparison.search import leading_change, search_changes
 from residual_mpc.comparison.sets import TwoSets
 from residual_mpc.comparison.settings import ComparisonSettings
-from residual_mpc.comparison.sizes import came_to_nothing, changed_numbers, least_half, to_the_end
+from residual_mpc.comparison.settled import Searched, Settled, settle
+from residual_mpc.comparison.sizes import changed_numbers, least_half
 from residual_mpc.comparison.space import ChangeSpace
 from residual_mpc.comparison.suspect import suspect_note
 from residual_mpc.comparison.thresholds import spread_of
-from residual_mpc.comparison.units import Units
+from residual_mpc.comparison.verdict import unexplained_share, verdict_of, worth_naming
 from residual_mpc.comparison.visible import smallest_visible
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales
-from residual_mpc.diagnosis.fit.evidence import dispersion
-from residual_mpc.diagnosis.fit.least_squares import fit_all, on_problem
+from residual_mpc.diagnosis.fit.least_squares import on_problem
 from residual_mpc.diagnosis.options import Progress
 from residual_mpc.diagnosis.predict.longer_steps import on_longer_steps
-from residual_mpc.diagnosis.predict.problem import Problem, reweigh
+from residual_mpc.diagnosis.predict.problem import reweigh
 from residual_mpc.diagnosis.results.next_experiment import next_experiment
 from residual_mpc.diagnosis.search.testable import not_testable
 from residual_mpc.effects.sensor import SENSOR_OUTLIERS
@@ -81,22 +80,9 @@ def compare(
         progress("comparing with alternative changes", 0.7)
         rivals = find_change_rivals(searched.problem, searched.found, searched.units, settings)
         progress("fitting on all windows", 0.8)
-        return _judged(given, sets, windows[0], space, (searched, whole), rivals, rng, settings)
-
-
-@dataclass(frozen=True, eq=False)
-class Searched:
-    """What a search found, on which windows and stretches."""
-
-    found: FoundChanges
-    problem: Problem
-    units: Units
-
-    def with_changes_of(self, other: FoundChanges, settings: ComparisonSettings) -> "Searched":
-        """The changes that another search found, fitted on these windows: the rivals need no more of them."""
-        fit = fit_all(self.problem, [other.fit.values], 6, settings=settings.results.fit)[0]
-        phi = dispersion(fit, self.units.number)
-        return replace(self, found=FoundChanges(fit, self.found.account, other.changes, other.left, phi))
+        jumping = _outliers(given, sets, settings)
+        settled = settle(given, sets, windows[0], whole, rivals, bool(jumping), rng, settings)
+        return _judged(given, sets, settled, (searched, whole), jumping, settings)
 
 
 def _on_all_windows(
@@ -125,47 +111,29 @@ def _on_all_windows(
 def _judged(
     given: ComparisonInput,
     sets: TwoSets,
-    windows: tuple[Dataset, Scales],
-    space: ChangeSpace,
+    settled: Settled,
     searches: tuple[Searched, Searched],
-    rivals: ChangeRivals,
-    rng: np.random.Generator,
+    jumping: tuple[Change, ...],
     settings: ComparisonSettings,
 ) -> Comparison:
-    """Sizes on all windows, gaps by cross-validation, and the verdict. searches: of the changes, and on all windows."""
-    found, fits = rivals.found, settings.results.fit
+    """The verdict and the whole answer. searches: of the changes, and on all windows; jumping: the change of the share
+    of outliers."""
     searched, last = searches
-    if found.changes:
-        whole = problem_on(*windows, space, found.fit.values, settings.search.final_steps, settings)
-        units = units_for(whole.data, sets, given, settings)
-        fit = to_the_end(whole, found.fit, settings.results)
-        same = all(np.array_equal(getattr(whole.data, x), getattr(last.problem.data, x)) for x in ("run", "start"))
-        as_tested = same and found.changes == last.found.changes
-        left = last.found.left if as_tested else told_apart(whole, fit, units, settings)
-    else:
-        whole, units, fit, left = last.problem, last.units, last.found.fit, last.found.left
-    moved = tuple(c for c in found.changes if not came_to_nothing(fit, space, c.term))
-    spread = spread_of(whole, fit, units)
-    seen = tuple(c for c in moved if not may_be_none(whole, fit, c.term, rivals, spread, settings))
-    if seen != moved:
-        kept = {k: v for k, v in fit.values.items() if not k.changed or k.term in {c.term for c in seen}}
-        fit = to_the_end(whole, fit_all(whole, [kept], settings=fits)[0], settings.results)
-        spread = spread_of(whole, fit, units)
-    found = replace(found, changes=seen)
-    rivals = rivals.of(found)
-    jumping = _outliers(given, sets, settings)
-    gap = compared_gap(sets, whole, fit, bool(jumping), rng, settings)
-    unexplained = _unexplained(gap.rise)
+    whole, units, fit, left = settled.problem, settled.units, settled.fit, settled.left
+    rivals, gap, space, fits = settled.rivals, settled.gap, settled.problem.space, settings.results.fit
+    assert isinstance(space, ChangeSpace)
+    found, spread = rivals.found, spread_of(whole, fit, units)
+    unexplained = unexplained_share(gap.rise, gap.after_explained > settings.worse * gap.before)
     rises = last.found.again is not None and gap.after > settings.rises * max(gap.before, gap.noise_floor)
-    verdict = _verdict(bool(found.changes or jumping), left.p, unexplained, gap.rise, rises, settings)
+    verdict = verdict_of(bool(found.changes or jumping), left.p, unexplained, gap.rise, rises, settings)
     named = named_changes(whole, fit, rivals, spread, settings.sure, settings)
     sure = settings.sure if verdict == "changed" else settings.sure_partial * (1.0 - unexplained)
     named = named if sure == settings.sure else named_changes(whole, fit, rivals, spread, sure, settings)
     considered = (*named, *jumping)
     groups = tuple(tuple(tuple(plain(t) for t in m) for m in g) for g in rivals.groups)
     # what is not named was significant, so that the sets differ
-    unnamed = _verdict(False, 0.0, unexplained, gap.rise, rises, settings)
-    changes, verdict = _worth_naming(considered, jumping, verdict, unnamed, sure, settings)
+    unnamed = verdict_of(False, 0.0, unexplained, gap.rise, rises, settings)
+    changes, verdict = worth_naming(considered, jumping, verdict, unnamed, sure, settings)
     groups = groups if changes == considered else ()
     by_noise = reweigh(searched.problem, searched.problem.data.sigma)
     base = on_problem(by_noise, found.account, settings=fits)
@@ -236,36 +204,3 @@ def _outliers(given: ComparisonInput, sets: TwoSets, settings: ComparisonSetting
         return ()
     change = changed_outliers(sets, settings.sure, settings.contrast)
     return () if change is None else (change,)
-
-
-def _verdict(
-    named: bool, p_left: float, unexplained: float, rise: GapRise, rises: bool, settings: ComparisonSettings
-) -> str:
-    """`same`: nothing beyond what units of one set differ, or no rise of the gap by that, nor a gap that is several
-    times as large after (rises); `changed`: nothing beyond that is left, nor much of the rise of the gap."""
-    differs = p_left <= settings.contrast.left
-    if not named:
-        return "unknown" if rises or (differs and rise.visible) else "same"
-    return "partial" if differs or unexplained > settings.unexplained else "changed"
-
-
-def _worth_naming(
-    considered: tuple[Change, ...], jumping: tuple[Change, ...], verdict: str, without: str, sure: float,
-    settings: ComparisonSettings,
-) -> tuple[tuple[Change, ...], str]:  # fmt: skip
-    """The changes to name and the verdict. Changes that explain next to nothing of the rise are not named; outliers
-    are counted, not explained, and stay. without: the verdict where nothing is named; sure: the largest probability
-    that a change may have."""
-    if not considered or sure >= settings.named:
-        return considered, verdict
-    return jumping, verdict if jumping else without
-
-
-def _unexplained(rise: GapRise) -> float:
-    """Share of the rise that the changes leave; 0 where what is left is within two standard errors, unless it is more
-    than half of a rise that is beyond two."""
-    if not rise.risen > 0.0 or rise.left <= 0.0:
-        return 0.0
-    share = min(rise.left / rise.risen, 1.0)
-    beyond = rise.left > 2.0 * rise.left_error
-    return share if beyond or (share > 0.5 and rise.visible) else 0.0

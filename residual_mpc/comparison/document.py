@@ -1,8 +1,9 @@
 """A comparison as the JSON that scripts rely on (contract, section 8)."""
 
+from collections.abc import Mapping
 from typing import Any
 
-from residual_mpc.comparison.records import ChangedNumber, Comparison
+from residual_mpc.comparison.records import ChangedNumber, Comparison, Predicted
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.results.document import finite
 from residual_mpc.models.settings import Term
@@ -24,6 +25,7 @@ def to_document(c: Comparison) -> dict[str, Any]:
                 "p": change.p,
                 "summary": change.summary,
                 "only_target": change.only_target,
+                "predicts": _predicted(c.gap.predicted, change.term),
             }
             for change in c.changes
         ],
@@ -50,6 +52,11 @@ def to_document(c: Comparison) -> dict[str, Any]:
     }
     clean: dict[str, Any] = finite(document)
     return clean
+
+
+def _predicted(predicted: Mapping[Term, Predicted], term: Term) -> dict[str, float] | None:
+    found = predicted.get(term._replace(changed=True))
+    return None if found is None else {"gain": found.gain, "error": found.error, "better": found.better}
 
 
 def _number(n: ChangedNumber) -> dict[str, Any]:

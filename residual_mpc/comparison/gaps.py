@@ -3,7 +3,8 @@
 import numpy as np
 
 from residual_mpc.comparison.cross_validation import clear_of, folds_of, refitted
-from residual_mpc.comparison.records import ComparedGap, GapRise
+from residual_mpc.comparison.records import ComparedGap, GapRise, Predicted
+from residual_mpc.comparison.search import changed_terms, without_change
 from residual_mpc.comparison.sets import TwoSets, units_of
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.diagnosis.data.gap import gap_of, per_window
@@ -12,6 +13,7 @@ from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.predict.noise_floor import floor_of
 from residual_mpc.diagnosis.predict.problem import Problem, part_of
 from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
+from residual_mpc.models.settings import Term
 
 WHOLE = 1.0  # squared gap of a window in which a model misses the whole motion
 
@@ -42,16 +44,20 @@ def compared_gap(
     alone = _unchanged(problem, fit, settings)
     named = jumping or alone is not fit
     unchanged = changed if alone is fit else refitted(problem, alone, clear)
+    terms = changed_terms(fit)
+    without = {t: alone if len(terms) == 1 else _without(problem, fit, t, settings) for t in terms}
+    fewer = [unchanged if less is alone else refitted(problem, less, clear) for less in without.values()]
     nominal = {k: space.null(k) for k in space.tunables}
-    errors = np.empty((4, *data.y.shape))
+    errors = np.empty((4 + len(fewer), *data.y.shape))
     for fold in range(folds.count):
         mine = folds.number == fold
         rows = [nominal, before[fold], unchanged[fold], changed[fold] if named else before[fold]]
+        rows += [less[fold] for less in fewer]
         tested = data.take(mine)
         errors[:, mine] = tested.y - predict(tested, space.settings(rows))
     if jumping:
         flagged = np.isfinite(data.y) & np.isnan(with_outliers_removed(data, sets.outliers.flagged).y)
-        errors[3] = np.where(flagged, np.nan, errors[3])
+        errors[3:] = np.where(flagged, np.nan, errors[3:])
     floor = floor_of(data, sets.scales, space.settings([start.values]), rng, settings=results.predict)
 
     def total(error: np.ndarray, windows: np.ndarray) -> float:
@@ -81,6 +87,7 @@ def compared_gap(
         (int((~later).sum()), int(later.sum())),
         folds.count,
         channels,
+        {t: predicted_of(less, squares[2], number) for t, less in zip(without, squares[3:], strict=True)},
     )
 
 
@@ -91,6 +98,15 @@ def rise_of(before: np.ndarray, same: np.ndarray, changed: np.ndarray, later: np
     sides = ((before, ~later), (same, later), (changed, later))
     (first, its), (after, risen), (explained, left) = (_mean(x, unit, mine & np.isfinite(x)) for x, mine in sides)
     return GapRise(after - first, explained - first, float(np.hypot(its, risen)), float(np.hypot(its, left)))
+
+
+def predicted_of(without: np.ndarray, changed: np.ndarray, unit: np.ndarray) -> Predicted:
+    """What a change predicts, from the windows' own squared gaps (W,) without it and with it; unit (W,)."""
+    seen = np.isfinite(without) & np.isfinite(changed)
+    difference = np.minimum(without, WHOLE) - np.minimum(changed, WHOLE)
+    gain, error = _mean(difference, unit, seen)
+    means = [difference[seen & (unit == u)].mean() for u in np.unique(unit[seen])]
+    return Predicted(gain, error, float(np.mean(np.array(means) > 0.0)) if means else 0.0)
 
 
 def _mean(squares: np.ndarray, unit: np.ndarray, windows: np.ndarray) -> tuple[float, float]:
@@ -109,6 +125,12 @@ def _unchanged(problem: Problem, fit: Fit, settings: ComparisonSettings) -> Fit:
     """The fit to both sets without its changes."""
     start = {k: v for k, v in fit.values.items() if not k.changed}
     return fit if len(start) == len(fit.values) else fit_all(problem, [start], 6, settings=settings.results.fit)[0]
+
+
+def _without(problem: Problem, fit: Fit, term: Term, settings: ComparisonSettings) -> Fit:
+    """The fit to both sets without one of its changes."""
+    fits = settings.results.fit
+    return fit_all(problem, [without_change(fit.values, term)], 6, settings=fits)[0]
 
 
 def _fitted_before(

@@ -79,10 +79,20 @@ class GapRise:
 
 
 @dataclass(frozen=True)
+class Predicted:
+    """What a change predicts of windows that no fit has seen, beside the others: by how much it lowers the mean squared
+    gap of a window, the standard error of that, and the share of the stretches in which it lowers it."""
+
+    gain: float
+    error: float
+    better: float
+
+
+@dataclass(frozen=True)
 class ComparedGap:
     """Gaps, unitless, each on windows that the fit has not seen: of the model fitted to the runs before on these and on
     those after, and of the model fitted to both sets with the changes on those after; folds: of the cross-validation;
-    channels: the gaps by channel."""
+    channels: the gaps by channel; predicted: what each change predicts, on both sets."""
 
     nominal_before: float
     nominal_after: float
@@ -95,6 +105,7 @@ class ComparedGap:
     windows: tuple[int, int]
     folds: int
     channels: dict[str, dict[str, float]]
+    predicted: dict[Term, Predicted]
 
 
 @dataclass(frozen=True)

@@ -107,7 +107,8 @@ class ComparisonSettings:
     unexplained: share of the rise that may be left where the changes are to explain it. rises: ratio of the gap after
     to the gap before above which the verdict is `unknown` instead of `same`, where every later run fits far worse.
     unlike: ratio between the sets of the size or the speed of the commands, from which the test adjusts for them, and
-    a note says that they differ where the gap after is more than `worse` times that before or changes leave something.
+    a note says that they differ where the gap after is more than `worse` times that before or changes leave something;
+    with such a gap, changes that leave more than half of the rise do not count as explaining it.
     suspected: p up to which the change that is nearest to being significant is noted where none is. hidden: of what
     all model errors beyond the noise would make of a change if they pointed in its direction, the part that its
     interval allows for. folds: of the cross-validation."""

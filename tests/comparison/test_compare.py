@@ -51,6 +51,8 @@ def test_a_wider_track_is_named_with_its_ratio(wide: tuple[rm.Comparison, Path])
     (scale,) = change["parameters"].values()
     low, high = scale["change"]["ci95"]
     assert low <= 1.1 <= high and high - low < 0.05
+    predicts = change["predicts"]
+    assert predicts["gain"] > 3.0 * predicts["error"] > 0.0 and predicts["better"] > 0.9
     assert scale["before"] == pytest.approx(1.06, abs=0.01) and scale["after"] == pytest.approx(1.166, abs=0.02)
     assert found.gap["after"] > 1.5 * found.gap["before"] > found.gap["after_explained"]
     assert "effective track width increased by" in str(found)

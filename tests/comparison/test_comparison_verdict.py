@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from residual_mpc.comparison.compare import _unexplained, _verdict, _worth_naming
 from residual_mpc.comparison.gaps import rise_of
 from residual_mpc.comparison.records import Change, GapRise
 from residual_mpc.comparison.settings import ComparisonSettings
+from residual_mpc.comparison.verdict import unexplained_share, verdict_of, worth_naming
 from residual_mpc.models.settings import Term
 
 RISEN, NOT_RISEN = GapRise(0.16, 0.07, 0.01, 0.01), GapRise(0.01, 0.01, 0.01, 0.01)
@@ -27,23 +27,32 @@ RISEN, NOT_RISEN = GapRise(0.16, 0.07, 0.01, 0.01), GapRise(0.01, 0.01, 0.01, 0.
     ],
 )
 def test_verdict(named: bool, p_left: float, unexplained: float, rise: GapRise, rises: bool, verdict: str) -> None:
-    assert _verdict(named, p_left, unexplained, rise, rises, ComparisonSettings()) == verdict
+    assert verdict_of(named, p_left, unexplained, rise, rises, ComparisonSettings()) == verdict
 
 
 def test_the_share_that_is_left_is_of_the_rise() -> None:
-    assert _unexplained(GapRise(0.16, 0.07, 0.0, 0.0)) == pytest.approx(0.07 / 0.16)
-    assert _unexplained(GapRise(0.16, -0.05, 0.0, 0.0)) == 0.0 and _unexplained(GapRise(0.16, 0.7, 0.0, 0.0)) == 1.0
-    assert _unexplained(GapRise(-0.05, 0.07, 0.0, 0.0)) == 0.0  # nothing rose
+    assert unexplained_share(GapRise(0.16, 0.07, 0.0, 0.0)) == pytest.approx(0.07 / 0.16)
+    assert unexplained_share(GapRise(0.16, -0.05, 0.0, 0.0)) == 0.0
+    assert unexplained_share(GapRise(0.16, 0.7, 0.0, 0.0)) == 1.0
+    assert unexplained_share(GapRise(-0.05, 0.07, 0.0, 0.0)) == 0.0  # nothing rose
 
 
 def test_what_is_left_within_the_scatter_of_the_windows_is_not_counted() -> None:
-    assert _unexplained(GapRise(0.010, 0.013, 0.01, left_error=0.01)) == 0.0
-    assert _unexplained(GapRise(0.010, 0.013, 0.01, left_error=0.001)) == 1.0
-    assert _unexplained(GapRise(0.030, 0.009, 0.01, left_error=0.01)) == 0.0
+    assert unexplained_share(GapRise(0.010, 0.013, 0.01, left_error=0.01)) == 0.0
+    assert unexplained_share(GapRise(0.010, 0.013, 0.01, left_error=0.001)) == 1.0
+    assert unexplained_share(GapRise(0.030, 0.009, 0.01, left_error=0.01)) == 0.0
 
 
 def test_more_than_half_of_a_clear_rise_is_not_explained_however_the_rest_scatters() -> None:
-    assert _unexplained(GapRise(0.0223, 0.0173, 0.01, left_error=0.01)) == pytest.approx(0.0173 / 0.0223)
+    assert unexplained_share(GapRise(0.0223, 0.0173, 0.01, left_error=0.01)) == pytest.approx(0.0173 / 0.0223)
+
+
+def test_a_gap_that_stays_far_from_that_before_is_not_explained_by_half_of_the_rise() -> None:
+    """Predictions that diverge in some runs scatter so much that neither the rise nor the rest is significant."""
+    scattered = GapRise(0.28, 0.16, risen_error=0.2, left_error=0.2)
+    assert unexplained_share(scattered) == 0.0
+    assert unexplained_share(scattered, far_from_before=True) == pytest.approx(0.16 / 0.28)
+    assert unexplained_share(GapRise(0.28, 0.1, 0.2, 0.2), far_from_before=True) == 0.0
 
 
 def test_the_error_of_a_rise_is_that_of_a_mean_of_its_stretches() -> None:
@@ -63,7 +72,7 @@ def test_what_both_sets_teach_about_the_robot_is_credited_to_no_change() -> None
     later, unit = np.arange(80) >= 40, np.arange(80) // 4
     before, both = np.where(later, 0.03, 0.01), np.where(later, 0.02, 0.01)
     assert rise_of(before, both, both, later, unit).left == rise_of(before, both, both, later, unit).risen
-    assert _unexplained(rise_of(before, both, both, later, unit)) == 1.0
+    assert unexplained_share(rise_of(before, both, both, later, unit)) == 1.0
 
 
 def test_a_prediction_that_diverges_does_not_hide_what_the_changes_leave() -> None:
@@ -73,14 +82,14 @@ def test_a_prediction_that_diverges_does_not_hide_what_the_changes_leave() -> No
     changed = np.concatenate([np.full(40, 0.01), np.full(40, 0.11)])
     same[77], changed[77] = 90.0, 80.0
     later, unit = np.arange(80) >= 40, np.arange(80) // 4
-    assert _unexplained(rise_of(same, same, changed, later, unit)) == pytest.approx(0.122 / 0.171, abs=0.01)
+    assert unexplained_share(rise_of(same, same, changed, later, unit)) == pytest.approx(0.122 / 0.171, abs=0.01)
 
 
 def test_changes_that_explain_next_to_nothing_are_not_named() -> None:
     settings = ComparisonSettings()
     one, jumps = (Change(Term(name, None), 0.05, 0.01, (), "", None) for name in ("payload", "sensor_outliers"))
-    assert _worth_naming((one,), (), "partial", "unknown", 0.05, settings) == ((), "unknown")
-    assert _worth_naming((one,), (), "partial", "same", 0.05, settings) == ((), "same")
-    assert _worth_naming((one, jumps), (jumps,), "partial", "unknown", 0.05, settings) == ((jumps,), "partial")
-    assert _worth_naming((one,), (), "partial", "unknown", 0.3, settings) == ((one,), "partial")
-    assert _worth_naming((), (), "same", "same", 0.05, settings) == ((), "same")
+    assert worth_naming((one,), (), "partial", "unknown", 0.05, settings) == ((), "unknown")
+    assert worth_naming((one,), (), "partial", "same", 0.05, settings) == ((), "same")
+    assert worth_naming((one, jumps), (jumps,), "partial", "unknown", 0.05, settings) == ((jumps,), "partial")
+    assert worth_naming((one,), (), "partial", "unknown", 0.3, settings) == ((one,), "partial")
+    assert worth_naming((), (), "same", "same", 0.05, settings) == ((), "same")

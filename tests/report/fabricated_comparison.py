@@ -22,7 +22,10 @@ def change(effect: str, target: str | None = None, probability: float = 0.97, **
     }  # fmt: skip
 
 
-TRACK = change("track_width", scale=number(1.06, 1.166, 1.1, 0.007))
+TRACK = {
+    **change("track_width", scale=number(1.06, 1.166, 1.1, 0.007)),
+    "predicts": {"gain": 0.004, "error": 0.001, "better": 0.94},
+}
 DELAY = change("command_delay", delay=number(0.071, 0.116, 0.045, 0.019, "s", note="at the bound of its search range"))
 GAIN = change("actuator_gain", "left", 0.31, gain=number(1.0, 0.9, 0.9, 0.02))
 LIMIT = change("saturation", limit=number(None, 4.97, 4.97, 0.13, "rad/s"))

@@ -94,6 +94,12 @@ def test_the_drawing_has_the_proportions_of_the_numbers(one, parameter):
     assert place["high"] - place["low"] == pytest.approx(scale * (size["ci95"][1] - size["ci95"][0]))
 
 
+def test_a_change_says_how_many_stretches_it_predicts_better():
+    """Where that was measured: outliers are counted, not fitted."""
+    assert Page(comparison_page(document("changed"))).text.count("of the stretches are predicted better") == 1
+    assert "94 % of the stretches" in Page(comparison_page(document("changed"))).text
+
+
 def test_what_was_not_there_before_has_no_axis():
     assert interval_of(LIMIT, "limit") is None
     without = copy.deepcopy(TRACK)

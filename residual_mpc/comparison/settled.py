@@ -1,0 +1,113 @@
+"""The changes that stay after the last fits: those that have a size, and that predict windows that no fit has seen."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual_mpc.comparison.contrast import Contrasts
+from residual_mpc.comparison.gaps import compared_gap
+from residual_mpc.comparison.named import may_be_none
+from residual_mpc.comparison.prepare import ComparisonInput, problem_on, units_for
+from residual_mpc.comparison.records import ComparedGap
+from residual_mpc.comparison.rivals import ChangeRivals
+from residual_mpc.comparison.search import FoundChanges, told_apart, without_change
+from residual_mpc.comparison.sets import TwoSets
+from residual_mpc.comparison.settings import ComparisonSettings
+from residual_mpc.comparison.sizes import came_to_nothing, to_the_end
+from residual_mpc.comparison.space import ChangeSpace
+from residual_mpc.comparison.thresholds import spread_of
+from residual_mpc.comparison.units import Units
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.gap import Scales
+from residual_mpc.diagnosis.fit.evidence import dispersion
+from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
+from residual_mpc.diagnosis.predict.problem import Problem
+from residual_mpc.models.settings import Term
+
+
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """What a search found, on which windows and stretches."""
+
+    found: FoundChanges
+    problem: Problem
+    units: Units
+
+    def with_changes_of(self, other: FoundChanges, settings: ComparisonSettings) -> "Searched":
+        """The changes that another search found, fitted on these windows: the rivals need no more of them."""
+        fit = fit_all(self.problem, [other.fit.values], 6, settings=settings.results.fit)[0]
+        phi = dispersion(fit, self.units.number)
+        return replace(self, found=FoundChanges(fit, self.found.account, other.changes, other.left, phi))
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """The changes that stay (of `rivals.found`), fitted on all windows; left: how the sets still differ; gap: of models
+    whose fits have not seen it."""
+
+    problem: Problem
+    units: Units
+    fit: Fit
+    left: Contrasts
+    rivals: ChangeRivals
+    gap: ComparedGap
+
+
+def settle(
+    given: ComparisonInput,
+    sets: TwoSets,
+    windows: tuple[Dataset, Scales],
+    last: Searched,
+    rivals: ChangeRivals,
+    jumping: bool,
+    rng: np.random.Generator,
+    settings: ComparisonSettings,
+) -> Settled:
+    """The changes fitted to the end on all windows. Dropped are, in turn, those whose numbers came to nothing, faint
+    ones that may have no size, and those without which unseen windows fit as well: a difference between two sets of
+    which the change predicts nothing has another cause. last: the search on all windows; jumping: whether outliers
+    changed."""
+    space = last.problem.space
+    assert isinstance(space, ChangeSpace)
+    problem, units, fit, left = _fitted(given, sets, windows, space, last, rivals.found, settings)
+    moved = tuple(c for c in rivals.found.changes if not came_to_nothing(fit, space, c.term))
+    spread = spread_of(problem, fit, units)
+    seen = tuple(c for c in moved if not may_be_none(problem, fit, c.term, rivals, spread, settings))
+    if seen != moved:
+        kept = {k: v for k, v in fit.values.items() if not k.changed or k.term in {c.term for c in seen}}
+        fit = to_the_end(problem, fit_all(problem, [kept], settings=settings.results.fit)[0], settings.results)
+    rivals = rivals.of(replace(rivals.found, changes=seen))
+    gap = compared_gap(sets, problem, fit, jumping, rng, settings)
+    while (idle := _predicting_nothing(gap)) is not None:
+        (fit,) = fit_all(problem, [without_change(fit.values, idle)], settings=settings.results.fit)
+        fit = to_the_end(problem, fit, settings.results)
+        rivals = rivals.of(replace(rivals.found, changes=tuple(c for c in rivals.found.changes if c.term != idle)))
+        left = told_apart(problem, fit, units, settings)
+        gap = compared_gap(sets, problem, fit, jumping, rng, settings)
+    return Settled(problem, units, fit, left, rivals, gap)
+
+
+def _fitted(
+    given: ComparisonInput,
+    sets: TwoSets,
+    windows: tuple[Dataset, Scales],
+    space: ChangeSpace,
+    last: Searched,
+    found: FoundChanges,
+    settings: ComparisonSettings,
+) -> tuple[Problem, Units, Fit, Contrasts]:
+    """The changes on the model's own steps; where there are none, what the last search ended with."""
+    if not found.changes:
+        return last.problem, last.units, last.found.fit, last.found.left
+    problem = problem_on(*windows, space, found.fit.values, settings.search.final_steps, settings)
+    units = units_for(problem.data, sets, given, settings)
+    fit = to_the_end(problem, found.fit, settings.results)
+    same = all(np.array_equal(getattr(problem.data, x), getattr(last.problem.data, x)) for x in ("run", "start"))
+    as_tested = same and found.changes == last.found.changes
+    return problem, units, fit, last.found.left if as_tested else told_apart(problem, fit, units, settings)
+
+
+def _predicting_nothing(gap: ComparedGap) -> Term | None:
+    """The change that predicts least, if the windows that its numbers were not fitted to fit no better with it."""
+    least = min(gap.predicted, key=lambda t: gap.predicted[t].gain, default=None)
+    return least if least is not None and gap.predicted[least].gain <= 0.0 else None
