@@ -124,15 +124,15 @@ def _judged(
     assert isinstance(space, ChangeSpace)
     found, spread = rivals.found, spread_of(whole, fit, units)
     unexplained = unexplained_share(gap.rise, gap.after_explained > settings.worse * gap.before)
-    rises = last.found.again is not None and gap.after > settings.rises * max(gap.before, gap.noise_floor)
-    verdict = verdict_of(bool(found.changes or jumping), left.p, unexplained, gap.rise, rises, settings)
+    lost = last.found.again is not None
+    verdict = verdict_of(bool(found.changes or jumping), left.p, unexplained, gap, lost, settings)
     named = named_changes(whole, fit, rivals, spread, settings.sure, settings)
     sure = settings.sure if verdict == "changed" else settings.sure_partial * (1.0 - unexplained)
     named = named if sure == settings.sure else named_changes(whole, fit, rivals, spread, sure, settings)
     considered = (*named, *jumping)
     groups = tuple(tuple(tuple(plain(t) for t in m) for m in g) for g in rivals.groups)
     # what is not named was significant, so that the sets differ
-    unnamed = verdict_of(False, 0.0, unexplained, gap.rise, rises, settings)
+    unnamed = verdict_of(False, 0.0, unexplained, gap, lost, settings)
     changes, verdict = worth_naming(considered, jumping, verdict, unnamed, sure, settings)
     groups = groups if changes == considered else ()
     by_noise = reweigh(searched.problem, searched.problem.data.sigma)

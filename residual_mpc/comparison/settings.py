@@ -105,7 +105,8 @@ class ComparisonSettings:
     a number at a bound, one whose intervals contain no change, one that its fit alone speaks for, or one that explains
     less than the share `faint` of what all changes explain: the model predicts no large change better than that.
     unexplained: share of the rise that may be left where the changes are to explain it. rises: ratio of the gap after
-    to the gap before above which the verdict is `unknown` instead of `same`, where every later run fits far worse.
+    to the gap before above which the verdict is `unknown` instead of `same`, where every later run fits far worse or
+    the sets differ.
     unlike: ratio between the sets of the size or the speed of the commands, from which the test adjusts for them, and
     a note says that they differ where the gap after is more than `worse` times that before or changes leave something;
     with such a gap, changes that leave more than half of the rise do not count as explaining it.

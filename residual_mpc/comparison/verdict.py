@@ -1,17 +1,24 @@
 """The verdict of a comparison, and which changes are worth naming."""
 
-from residual_mpc.comparison.records import Change, GapRise
+from residual_mpc.comparison.records import Change, ComparedGap, GapRise
 from residual_mpc.comparison.settings import ComparisonSettings
 
 
 def verdict_of(
-    named: bool, p_left: float, unexplained: float, rise: GapRise, rises: bool, settings: ComparisonSettings
+    named: bool,
+    p_left: float,
+    unexplained: float,
+    gap: ComparedGap,
+    lost: bool,
+    settings: ComparisonSettings,
 ) -> str:
-    """`same`: nothing beyond what units of one set differ, or no rise of the gap by that, nor a gap that is several
-    times as large after (rises); `changed`: nothing beyond that is left, nor much of the rise of the gap."""
+    """`same`: nothing beyond what units of one set differ, or no rise of the gap by that; `changed`: nothing beyond
+    that is left, nor much of the rise of the gap. lost: whether no search found a significant change although every run
+    after fits far worse."""
     differs = p_left <= settings.contrast.left
     if not named:
-        return "unknown" if rises or (differs and rise.visible) else "same"
+        larger = (lost or differs) and gap.after > settings.rises * gap.before
+        return "unknown" if larger or (differs and gap.rise.visible) else "same"
     return "partial" if differs or unexplained > settings.unexplained else "changed"
 
 

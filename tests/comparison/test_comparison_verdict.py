@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from residual_mpc.comparison.gaps import rise_of
-from residual_mpc.comparison.records import Change, GapRise
+from residual_mpc.comparison.records import Change, ComparedGap, GapRise
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.verdict import unexplained_share, verdict_of, worth_naming
 from residual_mpc.models.settings import Term
@@ -14,20 +14,30 @@ from residual_mpc.models.settings import Term
 RISEN, NOT_RISEN = GapRise(0.16, 0.07, 0.01, 0.01), GapRise(0.01, 0.01, 0.01, 0.01)
 
 
+def gap(rise: GapRise, after: float = 0.2) -> ComparedGap:
+    """Gaps of 0.1 before and `after` after."""
+    return ComparedGap(0.3, 0.4, 0.1, after, after, rise, 0.05, 1.0, (40, 40), 4, {}, {})
+
+
 @pytest.mark.parametrize(
-    ("named", "p_left", "unexplained", "rise", "rises", "verdict"),
+    ("named", "p_left", "unexplained", "compared", "lost", "verdict"),
     [
-        (False, 0.5, 0.0, RISEN, False, "same"),
-        (False, 0.001, 0.0, RISEN, False, "unknown"),
-        (False, 0.001, 0.0, NOT_RISEN, False, "same"),  # errors of another kind, as large as before
-        (False, 0.5, 0.0, RISEN, True, "unknown"),  # not significant, but the gap is several times as large
-        (True, 0.5, 0.1, RISEN, True, "changed"),
-        (True, 0.001, 0.1, RISEN, True, "partial"),
-        (True, 0.5, 0.5, RISEN, False, "partial"),  # not significant, but half of the increase remains
+        (False, 0.5, 0.0, gap(RISEN), False, "same"),
+        (False, 0.5, 0.0, gap(RISEN, 0.4), False, "same"),
+        (False, 0.001, 0.0, gap(RISEN), False, "unknown"),
+        (False, 0.001, 0.0, gap(NOT_RISEN), False, "same"),  # errors of another kind, as large as before
+        (False, 0.001, 0.0, gap(NOT_RISEN, 0.4), False, "unknown"),  # scattered, but four times as large
+        (False, 0.5, 0.0, gap(RISEN, 0.4), True, "unknown"),  # not significant, but every run after fits far worse
+        (False, 0.5, 0.0, gap(RISEN), True, "same"),
+        (True, 0.5, 0.1, gap(RISEN, 0.4), True, "changed"),
+        (True, 0.001, 0.1, gap(RISEN), True, "partial"),
+        (True, 0.5, 0.5, gap(RISEN), False, "partial"),  # not significant, but half of the increase remains
     ],
-)
-def test_verdict(named: bool, p_left: float, unexplained: float, rise: GapRise, rises: bool, verdict: str) -> None:
-    assert verdict_of(named, p_left, unexplained, rise, rises, ComparisonSettings()) == verdict
+)  # fmt: skip
+def test_verdict(
+    named: bool, p_left: float, unexplained: float, compared: ComparedGap, lost: bool, verdict: str
+) -> None:
+    assert verdict_of(named, p_left, unexplained, compared, lost, ComparisonSettings()) == verdict
 
 
 def test_the_share_that_is_left_is_of_the_rise() -> None:

@@ -96,7 +96,7 @@ def test_the_drawing_has_the_proportions_of_the_numbers(one, parameter):
 
 def test_a_change_says_how_many_stretches_it_predicts_better():
     """Where that was measured: outliers are counted, not fitted."""
-    assert Page(comparison_page(document("changed"))).text.count("of the stretches are predicted better") == 1
+    assert Page(comparison_page(document("changed"))).text.count("of the stretches better") == 1
     assert "94 % of the stretches" in Page(comparison_page(document("changed"))).text
 
 
