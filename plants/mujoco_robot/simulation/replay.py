@@ -28,6 +28,7 @@ from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
 
 FAR_AWAY = 1e10  # m, rad, m/s, rad/s: MuJoCo's own limit, mjMAXVAL
+NO_STAGE = 0  # mjSTAGE_NONE: a step computes all that it needs
 WORTH_A_THREAD = 24  # rows times degrees of freedom: with fewer, waking it at every step costs more than it brings
 
 
@@ -120,7 +121,7 @@ def _replay(
     edit_batch(batch, robot, settings)
     if robot.gears is not None:
         edit_gears(batch, robot, settings)
-    batch.reset()
+    batch.reset(stage=NO_STAGE)
     write_start(robot, batch.bind("qpos"), batch.bind("qvel"), start)
     warm = round(WARM / drive.dt) if robot.gears is not None and not drive.midway else 0
     warm = warm if warm <= drive.lead else 0  # what is cut short would begin with a jolt of its own

@@ -65,17 +65,21 @@ class Problem:
     def whiten(self, predicted: np.ndarray) -> np.ndarray:
         """As `residuals`, from predictions (H, W, M, C)."""
         y = self.data.y
-        r = (y - predicted) * self.weight
-        r = np.where(np.isfinite(y), np.where(np.isnan(r), 1e3, r), 0.0)
-        return self.project(np.clip(r.reshape(*r.shape[:2], -1), -1e4, 1e4))
+        r = y - predicted
+        r *= self.weight
+        r[:, ~np.isfinite(y)] = 0.0
+        r[np.isnan(r)] = 1e3
+        return self.project(np.clip(r, -1e4, 1e4, out=r).reshape(*r.shape[:2], -1))
 
     def project(self, r: np.ndarray) -> np.ndarray:
         """Take the start's share out of scaled residuals (H, W, n)."""
         along = np.einsum("wnk,hwn->hwk", self.basis, r, optimize=True) * self.shrink
-        left = r - np.einsum("wnk,hwk->hwn", self.basis, along, optimize=True)
-        left = left if self.count is None else left * np.sqrt(self.count)[:, None]
+        left = np.einsum("wnk,hwk->hwn", self.basis, along, optimize=True)
+        left = np.subtract(r, left, out=left)
+        if self.count is not None:
+            left *= np.sqrt(self.count)[:, None]
         if self.marginal is None:
-            return np.asarray(left)
+            return left
         (wide, taken), flat = self.marginal, left.reshape(len(left), -1)
         return np.asarray((flat - ((flat @ wide) @ taken) @ wide.T).reshape(left.shape))
 

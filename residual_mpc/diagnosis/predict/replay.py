@@ -125,7 +125,7 @@ def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start
     sampled: dict[str, np.ndarray] = {}
     readings = {c: reading_of(data, block, settings, c) for c in wanted}
     for channel in wanted:
-        since = t[None] - (readings[channel].late(t) - early[:, :, None])  # (H, W, M) s from the first node
+        since = _since(t, readings[channel].late(t) - early[:, :, None])  # s from the first node
         sampled[channel] = _interpolate(nodes[channel].reshape(h, w, -1), since, drive.dt)
     posed = "pose.x" in sampled and "pose.theta" in sampled
     for effect, values in present(settings.effects, "point") if posed else ():
@@ -139,7 +139,7 @@ def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start
             some = {c: y.reshape(h, w, -1)[rows] for c, y in nodes.items()}
             part = None if nudge is None else {k: v[rows] for k, v in nudge.items()}
             slow = _low_passed(data, block, settings.take(rows), channel, some, part)
-            since = t[None] - (readings[channel].late(t)[rows] - early[rows, :, None])
+            since = _since(t, readings[channel].late(t)[rows] - early[rows, :, None])
             sampled[channel][rows] = _interpolate(slow, since, drive.dt)
     out = np.full((h, w, t.shape[1], len(data.channels)), np.nan)
     for k, channel in enumerate(data.channels):
@@ -262,15 +262,31 @@ def run_up(data: Dataset, block: Block, settings: Settings, sooner: float) -> tu
     return dict(nodes), reaches
 
 
+def _since(t: np.ndarray, late: np.ndarray) -> np.ndarray:
+    """(H, W, M) the sampling times t (W, M) less how late they are, (H, W, M) or (H, W, 1); (1, W, M) where all
+    hypotheses have the same."""
+    return t - (late[:1] if (late == late[:1]).all() else late)
+
+
 def _interpolate(nodes: np.ndarray, t: np.ndarray, dt: float) -> np.ndarray:
-    """(H, W, M) from nodes (H, W, K + 1) at times t (broadcastable to (H, W, M)) s; straight on beyond both ends."""
-    last = nodes.shape[2] - 2
-    t = np.broadcast_to(t, (nodes.shape[0], nodes.shape[1], t.shape[2]))
-    place = np.nan_to_num(t) / dt
-    k = np.clip(np.floor(place).astype(int), 0, last)
-    low = np.take_along_axis(nodes, k, axis=2)
-    high = np.take_along_axis(nodes, k + 1, axis=2)
-    return np.where(np.isnan(t), np.nan, low + (place - k) * (high - low))
+    """(H, W, M) from nodes (H, W, K + 1) at times t, (H, W, M) or (1, W, M) for all alike, s; straight on beyond both
+    ends."""
+    h, w, n = nodes.shape
+    flat, out = nodes.reshape(h, w * n), np.empty((h, w, t.shape[2]))
+    begin = n * np.arange(w)[:, None]  # of each window's nodes
+    for of, times in [(slice(None), t[0])] if len(t) == 1 else [(slice(i, i + 1), t[i]) for i in range(h)]:
+        missing = np.isnan(times)
+        place = np.where(missing, 0.0, times) / dt
+        k = np.clip(np.floor(place), 0, n - 2).astype(np.intp)
+        at, part = (k + begin).ravel(), (place - k).ravel()
+        low = flat[of].take(at, axis=1)
+        between = flat[of].take(at + 1, axis=1)
+        between -= low
+        between *= part
+        between += low
+        between[:, missing.ravel()] = np.nan
+        out[of] = between.reshape(-1, w, t.shape[2])
+    return out
 
 
 def _local(data: Dataset, block: Block, channel: str, shift: np.ndarray) -> LocalValue:
