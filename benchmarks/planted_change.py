@@ -52,7 +52,7 @@ def planted_change(source: str, effect: str, target: str | None, size: float, se
         write_case(case, robot.file, before, changed(after, effect, target, size, rng))
         copy = load_robot(case / "robot.toml")
         found = compare(copy, read_runs(copy, case / "before"), read_runs(copy, case / "after"), seed=0)
-    for line in lines(found.document["compare"]):
+    for line in lines(found.document):
         click.echo(line)
     click.echo(f"{time.perf_counter() - begin:.0f} s")
 
