@@ -85,7 +85,7 @@ def lines(answer: dict[str, Any]) -> list[str]:
     out += [f"group  {group}" for group in answer["confounded"]]
     gap = answer["gap"]
     out.append(f"gap  {gap['before']:.3g}, {gap['after']:.3g} after, {gap['after_explained']:.3g} with the changes")
-    return out
+    return [*out, *answer["notes"]]
 
 
 if __name__ == "__main__":

@@ -54,10 +54,12 @@ def test_what_is_printed() -> None:
             }
         ],
         "confounded": [],
+        "notes": ["The runs after are driven differently"],
         "gap": {"before": 0.21, "after": 0.32, "after_explained": 0.21},
     }
     assert lines(answer) == [
         "verdict  changed",
         "payload: mass 0.25 (0.23 to 0.27) at 0.97",
         "gap  0.21, 0.32 after, 0.21 with the changes",
+        "The runs after are driven differently",
     ]
