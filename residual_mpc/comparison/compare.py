@@ -123,7 +123,7 @@ def _judged(
     rivals, gap, space, fits = settled.rivals, settled.gap, settled.problem.space, settings.results.fit
     assert isinstance(space, ChangeSpace)
     found, spread = rivals.found, spread_of(whole, fit, units)
-    unexplained = unexplained_share(gap.rise, gap.after_explained > settings.worse * gap.before)
+    unexplained = unexplained_share(gap, settings)
     lost = last.found.again is not None
     verdict = verdict_of(bool(found.changes or jumping), left.p, unexplained, gap, lost, settings)
     named = named_changes(whole, fit, rivals, spread, settings.sure, settings)

@@ -1,6 +1,6 @@
 """The verdict of a comparison, and which changes are worth naming."""
 
-from residual_mpc.comparison.records import Change, ComparedGap, GapRise
+from residual_mpc.comparison.records import Change, ComparedGap
 from residual_mpc.comparison.settings import ComparisonSettings
 
 
@@ -34,11 +34,23 @@ def worth_naming(
     return jumping, verdict if jumping else without
 
 
-def unexplained_share(rise: GapRise, far_from_before: bool = False) -> float:
-    """Share of the rise that the changes leave; 0 where what is left is within two standard errors, unless it is more
-    than half of a rise that is beyond two, or more than half where the gap stays far from that of the runs before."""
-    if not rise.risen > 0.0 or rise.left <= 0.0:
-        return 0.0
-    share = min(rise.left / rise.risen, 1.0)
-    beyond = rise.left > 2.0 * rise.left_error
-    return share if beyond or (share > 0.5 and (rise.visible or far_from_before)) else 0.0
+def unexplained_share(gap: ComparedGap, settings: ComparisonSettings) -> float:
+    """Share of the rise of the squared gap that the changes leave; 0 where what is left is within two standard errors,
+    unless it is more than half of a rise that is beyond two. Where the gap stays far from that of the runs before, more
+    than half counts however the windows scatter, and windows whose predictions diverge count in full."""
+    far = gap.after_explained > settings.worse * gap.before
+    share = max(_left(gap.rise.risen, gap.rise.left), _left_of_gaps(gap) if far else 0.0)
+    beyond = gap.rise.left > 2.0 * gap.rise.left_error
+    return share if beyond or (share > 0.5 and (gap.rise.visible or far)) else 0.0
+
+
+def _left(risen: float, left: float) -> float:
+    return min(left / risen, 1.0) if risen > 0.0 and left > 0.0 else 0.0
+
+
+def _left_of_gaps(gap: ComparedGap) -> float:
+    """The same by the gaps themselves; all of it where the gap is larger with the changes than it was before, and had
+    not risen."""
+    if gap.after <= gap.before:
+        return 1.0
+    return _left(gap.after**2 - gap.before**2, gap.after_explained**2 - gap.before**2)

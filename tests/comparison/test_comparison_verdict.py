@@ -14,9 +14,13 @@ from residual_mpc.models.settings import Term
 RISEN, NOT_RISEN = GapRise(0.16, 0.07, 0.01, 0.01), GapRise(0.01, 0.01, 0.01, 0.01)
 
 
-def gap(rise: GapRise, after: float = 0.2) -> ComparedGap:
-    """Gaps of 0.1 before and `after` after."""
-    return ComparedGap(0.3, 0.4, 0.1, after, after, rise, 0.05, 1.0, (40, 40), 4, {}, {})
+def gap(rise: GapRise, after: float = 0.2, explained: float = 0.1) -> ComparedGap:
+    """Gaps of 0.1 before, and after without and with the changes."""
+    return ComparedGap(0.3, 0.4, 0.1, after, explained, rise, 0.05, 1.0, (40, 40), 4, {}, {})
+
+
+def share_of(rise: GapRise, after: float = 0.2, explained: float = 0.1) -> float:
+    return unexplained_share(gap(rise, after, explained), ComparisonSettings())
 
 
 @pytest.mark.parametrize(
@@ -41,28 +45,36 @@ def test_verdict(
 
 
 def test_the_share_that_is_left_is_of_the_rise() -> None:
-    assert unexplained_share(GapRise(0.16, 0.07, 0.0, 0.0)) == pytest.approx(0.07 / 0.16)
-    assert unexplained_share(GapRise(0.16, -0.05, 0.0, 0.0)) == 0.0
-    assert unexplained_share(GapRise(0.16, 0.7, 0.0, 0.0)) == 1.0
-    assert unexplained_share(GapRise(-0.05, 0.07, 0.0, 0.0)) == 0.0  # nothing rose
+    assert share_of(GapRise(0.16, 0.07, 0.0, 0.0)) == pytest.approx(0.07 / 0.16)
+    assert share_of(GapRise(0.16, -0.05, 0.0, 0.0)) == 0.0
+    assert share_of(GapRise(0.16, 0.7, 0.0, 0.0)) == 1.0
+    assert share_of(GapRise(-0.05, 0.07, 0.0, 0.0)) == 0.0  # nothing rose
 
 
 def test_what_is_left_within_the_scatter_of_the_windows_is_not_counted() -> None:
-    assert unexplained_share(GapRise(0.010, 0.013, 0.01, left_error=0.01)) == 0.0
-    assert unexplained_share(GapRise(0.010, 0.013, 0.01, left_error=0.001)) == 1.0
-    assert unexplained_share(GapRise(0.030, 0.009, 0.01, left_error=0.01)) == 0.0
+    assert share_of(GapRise(0.010, 0.013, 0.01, left_error=0.01)) == 0.0
+    assert share_of(GapRise(0.010, 0.013, 0.01, left_error=0.001)) == 1.0
+    assert share_of(GapRise(0.030, 0.009, 0.01, left_error=0.01)) == 0.0
 
 
 def test_more_than_half_of_a_clear_rise_is_not_explained_however_the_rest_scatters() -> None:
-    assert unexplained_share(GapRise(0.0223, 0.0173, 0.01, left_error=0.01)) == pytest.approx(0.0173 / 0.0223)
+    assert share_of(GapRise(0.0223, 0.0173, 0.01, left_error=0.01)) == pytest.approx(0.0173 / 0.0223)
 
 
 def test_a_gap_that_stays_far_from_that_before_is_not_explained_by_half_of_the_rise() -> None:
     """Predictions that diverge in some runs scatter so much that neither the rise nor the rest is significant."""
     scattered = GapRise(0.28, 0.16, risen_error=0.2, left_error=0.2)
-    assert unexplained_share(scattered) == 0.0
-    assert unexplained_share(scattered, far_from_before=True) == pytest.approx(0.16 / 0.28)
-    assert unexplained_share(GapRise(0.28, 0.1, 0.2, 0.2), far_from_before=True) == 0.0
+    assert share_of(scattered) == 0.0
+    assert share_of(scattered, 0.3, 0.2) == pytest.approx(0.16 / 0.28)
+    assert share_of(GapRise(0.28, 0.1, 0.2, 0.2), 0.3, 0.2) == 0.0
+
+
+def test_changes_with_which_predictions_diverge_explain_nothing() -> None:
+    """Of the capped squares nothing rose: the windows that diverge are few."""
+    capped = GapRise(-0.01, -0.02, 0.2, 0.2)
+    assert share_of(capped, 0.5, 0.6) == 1.0 and share_of(capped, 0.09, 0.16) == 1.0
+    assert share_of(capped, 0.5, 0.14) == 0.0  # near the gap before
+    assert share_of(capped, 0.5, 0.4) == pytest.approx(0.15 / 0.24)
 
 
 def test_the_error_of_a_rise_is_that_of_a_mean_of_its_stretches() -> None:
@@ -82,7 +94,7 @@ def test_what_both_sets_teach_about_the_robot_is_credited_to_no_change() -> None
     later, unit = np.arange(80) >= 40, np.arange(80) // 4
     before, both = np.where(later, 0.03, 0.01), np.where(later, 0.02, 0.01)
     assert rise_of(before, both, both, later, unit).left == rise_of(before, both, both, later, unit).risen
-    assert unexplained_share(rise_of(before, both, both, later, unit)) == 1.0
+    assert share_of(rise_of(before, both, both, later, unit)) == 1.0
 
 
 def test_a_prediction_that_diverges_does_not_hide_what_the_changes_leave() -> None:
@@ -92,7 +104,7 @@ def test_a_prediction_that_diverges_does_not_hide_what_the_changes_leave() -> No
     changed = np.concatenate([np.full(40, 0.01), np.full(40, 0.11)])
     same[77], changed[77] = 90.0, 80.0
     later, unit = np.arange(80) >= 40, np.arange(80) // 4
-    assert unexplained_share(rise_of(same, same, changed, later, unit)) == pytest.approx(0.122 / 0.171, abs=0.01)
+    assert share_of(rise_of(same, same, changed, later, unit)) == pytest.approx(0.122 / 0.171, abs=0.01)
 
 
 def test_changes_that_explain_next_to_nothing_are_not_named() -> None:
