@@ -135,6 +135,7 @@ def _judged(
     unnamed = verdict_of(False, 0.0, unexplained, gap, lost, settings)
     changes, verdict = worth_naming(considered, jumping, verdict, unnamed, sure, settings)
     groups = groups if changes == considered else ()
+    gap = gap if changes else gap.of_no_change
     by_noise = reweigh(searched.problem, searched.problem.data.sigma)
     base = on_problem(by_noise, found.account, settings=fits)
     unseen = not_testable(by_noise, base, tuple(c.term for c in found.changes), settings=settings.results.search)

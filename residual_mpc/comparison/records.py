@@ -1,6 +1,6 @@
 """What a comparison is, once made."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup
 from residual_mpc.diagnosis.search.testable import NotTestable
@@ -106,6 +106,12 @@ class ComparedGap:
     folds: int
     channels: dict[str, dict[str, float]]
     predicted: dict[Term, Predicted]
+
+    @property
+    def of_no_change(self) -> "ComparedGap":
+        """The same where no change is named."""
+        channels = {c: {**figures, "after_explained": figures["after"]} for c, figures in self.channels.items()}
+        return replace(self, after_explained=self.after, channels=channels)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -105,6 +107,13 @@ def test_a_prediction_that_diverges_does_not_hide_what_the_changes_leave() -> No
     same[77], changed[77] = 90.0, 80.0
     later, unit = np.arange(80) >= 40, np.arange(80) // 4
     assert share_of(rise_of(same, same, changed, later, unit)) == pytest.approx(0.122 / 0.171, abs=0.01)
+
+
+def test_where_no_change_is_named_none_explains_the_gap() -> None:
+    figures = {"before": 0.1, "after": 0.5, "after_explained": 0.6, "noise_floor": 0.05}
+    compared = replace(gap(RISEN, 0.5, 0.6), channels={"pose.x": figures}).of_no_change
+    assert compared.after_explained == 0.5 and compared.channels["pose.x"]["after_explained"] == 0.5
+    assert compared.before == 0.1 and compared.channels["pose.x"]["noise_floor"] == 0.05
 
 
 def test_changes_that_explain_next_to_nothing_are_not_named() -> None:
