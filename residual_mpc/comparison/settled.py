@@ -73,7 +73,7 @@ def settle(
     moved = tuple(c for c in rivals.found.changes if not came_to_nothing(fit, space, c.term))
     spread = spread_of(problem, fit, units)
     seen = tuple(c for c in moved if not may_be_none(problem, fit, c.term, rivals, spread, settings))
-    if seen != moved:
+    if seen != rivals.found.changes:
         kept = {k: v for k, v in fit.values.items() if not k.changed or k.term in {c.term for c in seen}}
         fit = to_the_end(problem, fit_all(problem, [kept], settings=settings.results.fit)[0], settings.results)
     rivals = rivals.of(replace(rivals.found, changes=seen))
