@@ -77,8 +77,8 @@ def warnings(document: Document) -> list[str]:
     if document["changes"] or gap["after"] <= WORSE * max(gap["before"], gap["noise_floor"] or 0.0):
         return []
     return [
-        f"The gap is {number(gap['after'] / gap['before'], 2)} times as large on the runs after, but no single change "
-        "of an effect is significant: record more runs, or compare again for only what may have changed."
+        f"The gap is {number(gap['after'] / gap['before'], 2)} times as large on the runs after, but no significant "
+        "change of an effect explains it: record more runs, or compare again for only what may have changed."
     ]
 
 
