@@ -13,14 +13,13 @@ from __future__ import annotations
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
 
 from benchmarks.recorded_changes import SOURCES
 from residual_mpc.blind.recorded.half import Half
-from residual_mpc.blind.recorded.kinds.library import NAMES
+from residual_mpc.blind.recorded.kinds.library import NAMES, carried_by
 from residual_mpc.errors import BadInput
 
 
@@ -52,40 +51,22 @@ def planted_change(source: str, effect: str, target: str | None, size: float, se
         write_case(case, robot.file, before, changed(after, effect, target, size, rng))
         copy = load_robot(case / "robot.toml")
         found = compare(copy, read_runs(copy, case / "before"), read_runs(copy, case / "after"), seed=0)
-    for line in lines(found.document):
-        click.echo(line)
+    click.echo(str(found))
     click.echo(f"{time.perf_counter() - begin:.0f} s")
 
 
 def changed(half: Half, effect: str, target: str | None, size: float, rng: np.random.Generator) -> Half:
     """The half with the change. Raises BadInput where these runs cannot carry it there."""
-    from residual_mpc.blind.recorded.kinds.library import carried_by
-
     places = [(kind, t) for kind, targets in carried_by(half, (effect,)) for t in targets]
     fitting = [(kind, t) for kind, t in places if target is None or t == target]
     if len(fitting) != 1:
         known = ", ".join(str(t) for _, t in places)
         raise BadInput(f"{effect} needs one target of {known}, got {target}", "--target", "name one of them")
     kind, place = fitting[0]
-    (parameter,) = kind.size(half, place, 0.0, np.random.default_rng(0))
-    return kind.apply(half, place, {parameter: size}, rng)
-
-
-def lines(answer: dict[str, Any]) -> list[str]:
-    """What a comparison says, a line each."""
-    out = [f"verdict  {answer['verdict']}"]
-    for change in answer["changes"]:
-        place = f"{change['effect']} {change['target']}" if change["target"] else change["effect"]
-        for name, number in change["parameters"].items():
-            low, high = number["change"]["ci95"]
-            out.append(
-                f"{place}: {name} {number['change']['value']:.4g} "
-                f"({low:.4g} to {high:.4g}) at {change['probability']:.2f}"
-            )
-    out += [f"group  {group}" for group in answer["confounded"]]
-    gap = answer["gap"]
-    out.append(f"gap  {gap['before']:.3g}, {gap['after']:.3g} after, {gap['after_explained']:.3g} with the changes")
-    return [*out, *answer["notes"]]
+    numbers = tuple(kind.size(half, place, 0.0, np.random.default_rng(0)))
+    if len(numbers) != 1:
+        raise BadInput(f"{effect} has more than one number: {', '.join(numbers)}", "--effect", "choose another")
+    return kind.apply(half, place, {numbers[0]: size}, rng)
 
 
 if __name__ == "__main__":

@@ -30,8 +30,11 @@ def test_what_a_change_predicts_is_a_mean_over_windows_with_the_error_of_stretch
     assert found.error == pytest.approx(np.sqrt(2 / 3 * np.sum((jackknife - jackknife.mean()) ** 2)))
 
 
-def settle(monkeypatch: pytest.MonkeyPatch, gains: list[dict[Term, float]]) -> tuple[Any, list[Any]]:
-    """What stays of a delay and a gain if they predict these gains, each time that they are measured; the fits."""
+def settle(
+    monkeypatch: pytest.MonkeyPatch, gains: list[dict[Term, float]], nothing: tuple[Term, ...] = ()
+) -> tuple[Any, list[Any]]:
+    """What stays of a delay and a gain if they predict these gains, each time that they are measured; the fits.
+    nothing: the changes whose numbers came to nothing."""
     fits: list[Any] = []
     measured = iter(gains)
 
@@ -49,7 +52,7 @@ def settle(monkeypatch: pytest.MonkeyPatch, gains: list[dict[Term, float]]) -> t
     rivals = settled.ChangeRivals(found, (), {DELAY: {DELAY: 1.0}, GAIN: {GAIN: 1.0}}, {DELAY: 0.5, GAIN: 0.5})
     monkeypatch.setattr(settled, "fit_all", fit_all)
     monkeypatch.setattr(settled, "to_the_end", lambda problem, fit, _: fit)
-    monkeypatch.setattr(settled, "came_to_nothing", lambda *_: False)
+    monkeypatch.setattr(settled, "came_to_nothing", lambda fit, space, term: term in nothing)
     monkeypatch.setattr(settled, "spread_of", lambda *_: None)
     monkeypatch.setattr(settled, "told_apart", lambda *_: "tested again")
     monkeypatch.setattr(settled, "compared_gap", gap)
@@ -74,3 +77,9 @@ def test_the_change_that_predicts_least_goes_first(monkeypatch: pytest.MonkeyPat
 def test_nothing_may_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     stays, fits = settle(monkeypatch, [{DELAY: -0.001, GAIN: -0.002}, {DELAY: -0.003}, {}])
     assert not stays.rivals.found.changes and fits[-1] == {}
+
+
+def test_a_change_that_came_to_nothing_is_in_no_later_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    stays, fits = settle(monkeypatch, [{DELAY: 0.02}], nothing=(GAIN,))
+    assert [c.term for c in stays.rivals.found.changes] == [DELAY]
+    assert fits == [{NUMBERS[DELAY]: 0.04}] and stays.fit.values == fits[0]
