@@ -3,8 +3,8 @@
 import numpy as np
 
 from residual_mpc.comparison.cross_validation import clear_of, folds_of, refitted
+from residual_mpc.comparison.leads import changed_terms, without_change
 from residual_mpc.comparison.records import ComparedGap, GapRise, Predicted
-from residual_mpc.comparison.search import changed_terms, without_change
 from residual_mpc.comparison.sets import TwoSets, units_of
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.diagnosis.data.gap import gap_of, per_window

@@ -5,15 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual_mpc.comparison.leads import changed_terms, fitted_leads, without_change
 from residual_mpc.comparison.likelihood import Explanation, likelihood_ratios
-from residual_mpc.comparison.search import (
-    FoundChange,
-    FoundChanges,
-    changed_terms,
-    fitted_leads,
-    told_apart,
-    without_change,
-)
+from residual_mpc.comparison.search import FoundChange, FoundChanges, told_apart
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.units import Units
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all

@@ -6,11 +6,12 @@ import numpy as np
 
 from residual_mpc.comparison.contrast import Contrasts
 from residual_mpc.comparison.gaps import compared_gap
+from residual_mpc.comparison.leads import without_change
 from residual_mpc.comparison.named import may_be_none
 from residual_mpc.comparison.prepare import ComparisonInput, problem_on, units_for
 from residual_mpc.comparison.records import ComparedGap
 from residual_mpc.comparison.rivals import ChangeRivals
-from residual_mpc.comparison.search import FoundChanges, told_apart, without_change
+from residual_mpc.comparison.search import FoundChanges, told_apart
 from residual_mpc.comparison.sets import TwoSets
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.sizes import came_to_nothing, to_the_end

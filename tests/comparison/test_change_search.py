@@ -11,18 +11,10 @@ from oracles.rover_log import SIGMA, rover_run
 from plants.diff_drive import DiffDrive
 from residual_mpc.comparison import search
 from residual_mpc.comparison.contrast import Contrast, Contrasts
+from residual_mpc.comparison.leads import FittedLead, fitted_leads, p_of_fit, with_change
 from residual_mpc.comparison.likelihood import left_beside, likelihood_ratios
 from residual_mpc.comparison.rivals import _beside_same_errors
-from residual_mpc.comparison.search import (
-    FittedLead,
-    FoundChanges,
-    _all_far_worse,
-    _dominant,
-    fitted_leads,
-    p_of_fit,
-    search_changes,
-    with_change,
-)
+from residual_mpc.comparison.search import FoundChanges, _all_far_worse, _dominant, search_changes
 from residual_mpc.comparison.sets import cut, units_of
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.space import change_space
