@@ -88,6 +88,11 @@ class ToleranceSettings:
         if not self.levels or self.levels[0] != 0.0:
             raise ValueError(f"ToleranceSettings.levels must begin with 0, got {self.levels}")
 
+    @property
+    def marginalised(self) -> bool:
+        """Whether small differences may be there at all."""
+        return len(self.levels) > 1
+
 
 @dataclass(frozen=True)
 class LongerStepSettings:
