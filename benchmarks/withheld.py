@@ -1,7 +1,7 @@
 """Real data, withheld: what a diagnosis of recorded robots was not told, what it said beforehand, and what came.
 
 python -m benchmarks.recorded --row NAME ...       (measures; takes minutes a row)
-python -m benchmarks.withheld [--keep build/recorded] [--page docs/results/withheld.md]
+python -m benchmarks.withheld [--keep build/recorded] [--page FILE]
 
 The page is written from what `benchmarks.recorded` measured and kept; a row that is not there says so.
 """
