@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from arm_settings import single_arm
 
 from plants.blind_families.arm.effects import LONG_PLANTINGS as LONG_ARM
 from plants.blind_families.arm.effects import PLANTINGS as ARM
 from plants.blind_families.arm.family import ArmBench
-from plants.blind_families.arm.setting import draw_setting as draw_arm
 from plants.blind_families.planting import Faint, background, clash, confounded
 from plants.blind_families.scaler.effects import PLANTINGS as SCALER
 from plants.blind_families.wheeled.effects import EVERY as EVERY_WHEELED
@@ -28,9 +28,7 @@ def test_a_wheeled_effect_is_planted_with_the_parameters_of_the_library(effect):
 
 @pytest.fixture(scope="module")
 def arm_setting():
-    setting = draw_arm(LEVELS["single"], np.random.default_rng(4))
-    assert setting is not None
-    return setting
+    return single_arm(5)
 
 
 @pytest.mark.parametrize("effect", sorted({**ARM, **LONG_ARM}))

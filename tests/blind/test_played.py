@@ -3,9 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
+from arm_settings import single_arm
 
 from plants.blind_families.arm.family import ArmBench
-from plants.blind_families.arm.setting import draw_setting as draw_arm_setting
 from plants.blind_families.wheeled.family import WheeledBench
 from plants.blind_families.wheeled.setting import draw_setting
 from residual_mpc.blind.commanded_motion import CommandedMotion
@@ -49,8 +49,8 @@ def test_encoders_are_logged_where_they_are_asked_for(tmp_path):
 
 
 def test_an_arm_plays_commands_and_has_its_motors_off(tmp_path):
-    settings = (draw_arm_setting(LEVELS["single"], np.random.default_rng(seed)) for seed in range(5, 20))
-    setting = next(s for s in settings if s is not None and s.robot.truth.arm.kind == "position" and not s.drops)
+    setting = single_arm(5)
+    assert setting.robot.truth.arm.kind == "position" and not setting.drops
     arm = setting.robot.truth.arm
     t = 0.02 * np.arange(51)
     off = np.where(t > 0.5, 0.0, 1.0)

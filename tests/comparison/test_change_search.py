@@ -48,26 +48,41 @@ def fitted(
     return problem, build_units(number, two.side(data), data.run, np.zeros((data.count, 1))), found
 
 
-def drops(before: dict[str, dict[str, float]], after: dict[str, dict[str, float]]) -> dict[Term, float]:
+Fitted = tuple[Problem, Units, dict[Term, FittedLead]]
+
+
+@pytest.fixture(scope="module")
+def limited() -> Fitted:
+    """The later set has a limit."""
+    return fitted({}, {"saturation": {"limit": 4.0}})
+
+
+@pytest.fixture(scope="module")
+def delayed() -> Fitted:
+    """The later set has a delay."""
+    return fitted({}, {"command_delay": {"delay": 0.12}})
+
+
+def drops(of: Fitted) -> dict[Term, float]:
     """By how much either change lowers the cost."""
-    return {term: one.drop for term, one in fitted(before, after)[2].items()}
+    return {term: one.drop for term, one in of[2].items()}
 
 
 def test_what_both_sets_have_is_no_change() -> None:
     """The later runs fit better with a limit of their own, but as well with one that both sets have."""
     both = {"saturation": {"limit": 4.0}}
-    found = drops(both, both)
+    found = drops(fitted(both, both))
     assert found[LIMIT] < 0.0
 
 
-def test_what_one_set_has_is_one() -> None:
-    found = drops({}, {"saturation": {"limit": 4.0}})
+def test_what_one_set_has_is_one(limited: Fitted) -> None:
+    found = drops(limited)
     assert found[LIMIT] > 1000.0 and found[LIMIT] > 3.0 * found[DELAY]
 
 
-def test_a_factor_that_is_to_become_small_starts_above_its_bound() -> None:
+def test_a_factor_that_is_to_become_small_starts_above_its_bound(limited: Fitted) -> None:
     """For every probe. A linear extrapolation from the last two would be negative."""
-    problem, _, _ = fitted({}, {"saturation": {"limit": 4.0}})
+    problem, _, _ = limited
     term = Term("track_width", None, True)
     for probe, dose in ((0.8, 4.1), (1.25, -5.1), (2.0, -2.0)):
         lead = Contrast(term, {Knob(*term[:2], "scale", True): probe}, 0.3, dose, 1.0, 5.0, 1e-3, 0.1)
@@ -77,8 +92,8 @@ def test_a_factor_that_is_to_become_small_starts_above_its_bound() -> None:
     assert np.isclose(with_change(problem, {}, delay)[Knob(*DELAY[:2], "delay", True)], 0.075)
 
 
-def test_the_choice_between_changes_may_be_made_on_fewer_windows() -> None:
-    problem, units, _ = fitted({}, {"saturation": {"limit": 4.0}})
+def test_the_choice_between_changes_may_be_made_on_fewer_windows(limited: Fitted) -> None:
+    problem, units, _ = limited
     keep = np.arange(problem.data.count) % 3 == 0
     few = part_of(problem, keep)
     some = build_units(units.number[keep], units.later[units.number[keep]], few.data.run, np.zeros((keep.sum(), 1)))
@@ -87,8 +102,8 @@ def test_the_choice_between_changes_may_be_made_on_fewer_windows() -> None:
     assert len(quick.fit.r) == problem.data.count and abs(quick.fit.cost - whole.fit.cost) < 0.01 * whole.fit.cost
 
 
-def test_the_likelihood_ratio_is_in_favour_of_what_changed() -> None:
-    problem, units, found = fitted({}, {"saturation": {"limit": 4.0}})
+def test_the_likelihood_ratio_is_in_favour_of_what_changed(limited: Fitted) -> None:
+    problem, units, found = limited
     ratios = likelihood_ratios(
         problem, [found[t].explanation for t in (LIMIT, DELAY)], units, 1.0, ComparisonSettings().contrast
     )
@@ -96,17 +111,17 @@ def test_the_likelihood_ratio_is_in_favour_of_what_changed() -> None:
     np.testing.assert_allclose(ratios, -ratios.T)
 
 
-def test_a_change_that_is_there_leaves_its_imitation_less_than_it_leaves_the_change() -> None:
-    problem, units, found = fitted({}, {"command_delay": {"delay": 0.12}})
+def test_a_change_that_is_there_leaves_its_imitation_less_than_it_leaves_the_change(delayed: Fitted) -> None:
+    problem, units, found = delayed
     explained = [found[t].explanation for t in (DELAY, LIMIT)]
     left = left_beside(problem, explained, units, ComparisonSettings().contrast)
     assert left[0, 1] < left[1, 0] and left[1, 0] > 2.0
     assert (np.diag(left) == 0.0).all()
 
 
-def test_stretches_with_large_errors_do_not_decide_between_changes() -> None:
+def test_stretches_with_large_errors_do_not_decide_between_changes(delayed: Fitted) -> None:
     """The drops of the cost are made equal by two stretches with large errors; the test still tells the delay."""
-    problem, units, found = fitted({}, {"command_delay": {"delay": 0.12}})
+    problem, units, found = delayed
     delay, limit = (found[t].explanation for t in (DELAY, LIMIT))
     worst = np.isin(units.number, np.flatnonzero(units.later)[:2])
     lacking = float((delay.dropped - limit.dropped).sum())
@@ -115,9 +130,9 @@ def test_stretches_with_large_errors_do_not_decide_between_changes() -> None:
     assert ratios[0, 1] > 4.0
 
 
-def test_a_change_with_more_parameters_has_to_explain_more() -> None:
+def test_a_change_with_more_parameters_has_to_explain_more(limited: Fitted) -> None:
     """The same fit with one parameter more, which does nothing, loses by the correction of Schwarz."""
-    problem, units, found = fitted({}, {"saturation": {"limit": 4.0}})
+    problem, units, found = limited
     limit, delay = (found[t].explanation for t in (LIMIT, DELAY))
     knobs = (*limit.fit.knobs, Knob("payload", None, "mass", True))
     idle = np.concatenate([limit.fit.jacobian, np.zeros_like(limit.fit.jacobian[..., :1])], axis=-1)
@@ -127,9 +142,9 @@ def test_a_change_with_more_parameters_has_to_explain_more() -> None:
     assert 0.0 < padded < fewer
 
 
-def test_two_effects_that_do_the_same_are_not_told_apart() -> None:
+def test_two_effects_that_do_the_same_are_not_told_apart(limited: Fitted) -> None:
     """As a radius and a track, where only the turning is measured: a common error of its own does not decide."""
-    problem, units, found = fitted({}, {"saturation": {"limit": 4.0}})
+    problem, units, found = limited
     limit = found[LIMIT].explanation
     knobs = (*limit.fit.knobs, Knob("payload", None, "mass"))
     idle = np.concatenate([limit.fit.jacobian, np.zeros_like(limit.fit.jacobian[..., :1])], axis=-1)
@@ -139,9 +154,9 @@ def test_two_effects_that_do_the_same_are_not_told_apart() -> None:
     assert abs(ratios[0, 1]) < 1.0
 
 
-def test_costs_that_contradict_each_other_decide_nothing() -> None:
+def test_costs_that_contradict_each_other_decide_nothing(limited: Fitted) -> None:
     """One change leaves less, the other explains more beyond its effect on both sets: the test alone decides."""
-    problem, units, found = fitted({}, {"saturation": {"limit": 4.0}})
+    problem, units, found = limited
     limit, delay = (found[t].explanation for t in (LIMIT, DELAY))
     boasting = replace(delay, dropped=10.0 * limit.dropped)
     contrast = ComparisonSettings().contrast
@@ -181,9 +196,11 @@ def test_every_later_run_has_to_fit_far_worse_than_every_run_before() -> None:
     assert not _all_far_worse(*left_by(0.1, 9.0, 10.0, 11.0), settings)
 
 
-def test_the_search_begins_again_from_the_account_of_the_runs_before(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_search_begins_again_from_the_account_of_the_runs_before(
+    monkeypatch: pytest.MonkeyPatch, limited: Fitted
+) -> None:
     """Only where nothing was found and every later run fits far worse than those before."""
-    problem, units, _ = fitted({}, {"saturation": {"limit": 4.0}})
+    problem, units, _ = limited
     account = {Knob("actuator_lag", None, "time_constant"): 0.03}
     begun: list[float] = []
 

@@ -53,7 +53,7 @@ def test_a_change_of_the_whole_gain_is_named(tmp_path: Path) -> None:
     assert all(c["probability"] < 0.5 for name, c in named.items() if name != "actuator_gain")
 
 
-@pytest.mark.parametrize("factor", [0.7, 1.4])
+@pytest.mark.parametrize("factor", [pytest.param(0.7, marks=pytest.mark.slow), 1.4])
 def test_a_change_of_the_position_gain_alone_is_named(tmp_path: Path, factor: float) -> None:
     found = compared(tmp_path, factor * KP, KV).document
     named = {c["effect"]: c for c in found["changes"]}

@@ -45,7 +45,7 @@ def intervals(
     return np.array(list(fit.values.values())) - TRUE, T95 * sigma, T95 * within
 
 
-@pytest.mark.parametrize("runs", [5, 10])
+@pytest.mark.parametrize("runs", [5, pytest.param(10, marks=pytest.mark.slow)])
 def test_intervals_cover_where_a_number_differs_between_runs(runs: int) -> None:
     rng = np.random.default_rng(3)
     drawn = [intervals(runs, 0.1, rng) for _ in range(400)]
@@ -56,7 +56,7 @@ def test_intervals_cover_where_a_number_differs_between_runs(runs: int) -> None:
     assert stated[1] >= 0.92
 
 
-@pytest.mark.parametrize("runs", [4, 5, 10, 40])
+@pytest.mark.parametrize("runs", [4, 10, *(pytest.param(n, marks=pytest.mark.slow) for n in (5, 40))])
 def test_they_stay_as_they_are_where_runs_agree(runs: int) -> None:
     rng = np.random.default_rng(4)
     drawn = [intervals(runs, 0.0, rng) for _ in range(300)]

@@ -1,5 +1,6 @@
 """What the wheels' encoders say about a cause that is named for the pose."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -31,14 +32,16 @@ def driven(seed: int, ratio: float, gain: float, tau: float) -> Run:
     frequency, phase = rng.uniform(0.1, 0.4, (3, 2)), rng.uniform(0.0, 6.28, (3, 2))
     wave = 3.0 * np.sin(2 * np.pi * frequency * t[:, None, None] + phase).sum(axis=1)
     command = np.repeat(wave[::every], every, axis=0)[:n]
-    wheel, pose, rows = np.zeros(2), np.zeros(3), []
-    for k in range(n):
+    left = right = x = y = theta = 0.0  # speeds of the wheels, rad/s, and the pose
+    rows = []
+    for k, (told_left, told_right) in enumerate(command.tolist()):
         if k % every == 0:
-            rows.append(np.concatenate([[t[k]], command[k], pose, wheel]))
-        wheel = wheel + FINE / tau * (command[k] * [1.0, gain] - wheel)
-        left, right = WHEEL_RADIUS * wheel * [1.0, ratio]
-        forward, turn = 0.5 * (left + right), (right - left) / TRACK_WIDTH
-        pose = pose + FINE * np.array([forward * np.cos(pose[2]), forward * np.sin(pose[2]), turn])
+            rows.append([t[k], told_left, told_right, x, y, theta, left, right])
+        left += FINE / tau * (told_left - left)
+        right += FINE / tau * (gain * told_right - right)
+        forward = 0.5 * WHEEL_RADIUS * (left + ratio * right)
+        x, y = x + FINE * forward * math.cos(theta), y + FINE * forward * math.sin(theta)
+        theta += FINE * WHEEL_RADIUS * (ratio * right - left) / TRACK_WIDTH
     log = np.array(rows)
     log[:, 3:] += rng.standard_normal((len(log), 5)) * [0.001, 0.001, 0.002, 0.03, 0.03]
     names = ("command.left", "command.right", "pose.x", "pose.y", "pose.theta", "velocity.left", "velocity.right")

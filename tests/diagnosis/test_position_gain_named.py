@@ -39,7 +39,7 @@ def write_run(path: Path, kp: float, seed: int) -> None:
     pd.DataFrame(dict(zip(names, (times, *command.T, *q.T), strict=True))).to_csv(path, index=False)
 
 
-@pytest.mark.parametrize("factor", [0.6, 1.4])
+@pytest.mark.parametrize("factor", [pytest.param(0.6, marks=pytest.mark.slow), 1.4])
 def test_a_position_gain_is_named_at_its_servo(tmp_path: Path, factor: float) -> None:
     (tmp_path / "arm.xml").write_text(ARM.format(step=0.002, kp=KP))
     (tmp_path / "robot.toml").write_text('name = "arm"\nplant = "mujoco"\nmodel = "arm.xml"\n')

@@ -24,7 +24,7 @@ from residual_mpc.models.settings import Knob
 
 MASS, LENGTH, ROTOR, GRAVITY = 0.5, 0.1, 0.002, 9.81  # kg, m, kg m^2, m/s^2
 STIFF, DAMP = (0.8, 1.6, 3.2), 0.04  # N m/rad by run, N m s/rad
-DT, FINE, SECONDS = 0.01, 1e-4, 8.0  # s
+DT, FINE, SECONDS = 0.01, 2e-4, 8.0  # s
 SIGMA = 1e-3  # rad
 NOISE = {"position.shaft": SIGMA}
 SHARE, QUADRATIC = (Knob("load_dependent_friction", "shaft", p) for p in ("coefficient", "quadratic"))
@@ -37,7 +37,7 @@ XML = f"""<mujoco model="servo"><option timestep="0.001" integrator="implicitfas
 
 def loaded_runs(share: float, quadratic: float) -> list[Run]:
     """The truth: a pendulum on a servo, whose gear rubs with share |tau| + quadratic tau^2 N m. Semi-implicit steps of
-    0.1 ms; a friction that would turn the motion round stops it."""
+    0.2 ms; a friction that would turn the motion round stops it."""
     t = DT * np.arange(int(SECONDS / DT) + 1)
     rng = np.random.default_rng(3)
     waves = [(rng.uniform(0.3, 0.6), f, rng.uniform(0, 6)) for f in (0.25, 0.6, 1.3)]

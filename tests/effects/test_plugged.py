@@ -50,14 +50,25 @@ def install(
     return {**os.environ, "PYTHONPATH": str(folder), "OMP_NUM_THREADS": "1"}
 
 
-def call(environment: dict[str, str], *arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "residual_mpc.cli.main", *map(str, arguments)]
+SHORT = """
+import sys
+from residual_mpc.cli.main import main
+from residual_mpc.report.motion import film
+film.FRAMES, film.LONG_FRAMES = 3, 5
+main(sys.argv[1:])
+"""
+
+
+def call(
+    environment: dict[str, str], *arguments: object, program: tuple[str, ...] = ("-m", "residual_mpc.cli.main")
+) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, *program, *map(str, arguments)]
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
 
 
 def test_it_is_named_with_its_number(tmp_path: Path) -> None:
     environment = install(tmp_path)
-    run = rover_run("one", {}, 24.0, seed=2)
+    run = rover_run("one", {}, 16.0, seed=2)
     columns = dict(run.columns)
     for wheel in ("left", "right"):  # the log says what was sent; the robot did this of it
         u = columns[f"command.{wheel}"]
@@ -67,7 +78,8 @@ def test_it_is_named_with_its_number(tmp_path: Path) -> None:
     (logs / "robot.toml").write_text(ROBOT)
     file = write_run(replace(run, columns=columns), logs)
     arguments = ("--robot", logs / "robot.toml", file, "--out", logs / "out")
-    done = call(environment, "diagnose", *arguments, "--only", "soft_command,actuator_gain,track_width,actuator_lag")
+    only = ("--only", "soft_command,actuator_gain,track_width,actuator_lag")
+    done = call(environment, "diagnose", *arguments, *only, program=("-c", SHORT))
     assert done.returncode == 0, done.stderr
     document = json.loads((logs / "out" / "diagnosis.json").read_text())
     (cause,) = document["explanation"]

@@ -177,7 +177,7 @@ def test_unknown_constants_move_the_joints():
     np.testing.assert_allclose(apart, 0.001 * np.eye(6)[2], atol=1e-15)
 
 
-@pytest.mark.parametrize("to", ["casadi", "c", "jax"])
+@pytest.mark.parametrize("to", ["casadi", "c", pytest.param("jax", marks=pytest.mark.slow)])
 def test_a_written_model_is_the_source(to, tmp_path):
     document = write_model(augment(SERVO, TOGETHER, learned(), Build(DT)), to, tmp_path, np.random.default_rng(0))
     assert document["largest_difference"]["largest"] < 1e-11

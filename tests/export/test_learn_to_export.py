@@ -44,7 +44,7 @@ def learned(tmp_path_factory) -> Path:
     return here / "out" / "learned" / "model.json"
 
 
-@pytest.mark.parametrize("to", ["casadi", "c", "jax"])
+@pytest.mark.parametrize("to", ["casadi", "c", pytest.param("jax", marks=pytest.mark.slow)])
 def test_a_learned_model_is_exported_without_naming_its_robot(to, learned, tmp_path, capsys):
     call("export", learned, "--to", to, "--out", tmp_path, "--json")
     said = json.loads(capsys.readouterr().out)

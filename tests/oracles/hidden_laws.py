@@ -3,6 +3,7 @@ under load, a rover that turns less to one side."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -58,13 +59,13 @@ def weakening_run(seed: int, weakens: float, friction: float, seconds: float = 8
     frequency, phase, size = rng.uniform(0.1, 0.7, 3), rng.uniform(0.0, 6.28, 3), rng.uniform(0.3, 0.9)
     sent = size * np.sin(2 * np.pi * frequency * t[:, None] + phase).sum(axis=1)
     q, w, current, seen = float(sent[0]), 0.0, 0.0, np.empty(n)
-    for k in range(n):
+    for k, command in enumerate(sent.tolist()):
         seen[k] = q
         for _ in range(every):
-            asked = min(max(6.0 * (sent[k] - q) - 0.4 * w, -strongest), strongest)
+            asked = min(max(6.0 * (command - q) - 0.4 * w, -strongest), strongest)
             given = asked / (1.0 + weakens * abs(current) / FORCE)
             current += fine / 0.005 * (asked - current)
-            w += fine * (given - WEIGHT * np.sin(q) - friction * np.tanh(w / 0.02)) / INERTIA
+            w += fine * (given - WEIGHT * math.sin(q) - friction * math.tanh(w / 0.02)) / INERTIA
             q += fine * w
     columns = {"command.m": sent, "position.j": seen + 3e-4 * rng.standard_normal(n)}
     return Run(f"run{seed}", t, columns)

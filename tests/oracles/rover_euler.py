@@ -26,86 +26,84 @@ def simulate(
     The effects are written from their definitions: a fault is named and parametrised as in the library.
     """
     value = {f"{e}.{p}": v for e, ps in faults.items() for p, v in ps.items()}
+    delay, width = value.get("command_delay.delay", 0.0), value.get("dead_zone.width", 0.0)
+    loss, most = value.get("breakaway_loss.loss", 0.0), fine * value.get("rate_limit.rate", math.inf)
+    quicken, swerve = (fine * value.get(f"{way}_rate_limit.rate", math.inf) for way in ("forward", "turn"))
+    gain, sag = value.get("actuator_gain.gain", 1.0), value.get("voltage_sag.rate", 0.0)
+    turned_by, fastest = value.get("turn_gain.gain", 1.0), value.get("turn_limit.limit", math.inf)
+    shared, limit = value.get("shared_limit.limit", math.inf), value.get("saturation.limit", math.inf)
+    tau, gap = value.get("actuator_lag.time_constant", 0.0), value.get("backlash.gap", 0.0)
+    radius = WHEEL_RADIUS * value.get("wheel_radius.scale", 1.0)
+    other = radius * value.get("wheel_radius_mismatch.ratio", 1.0)
+    swing, phase = value.get("wheel_eccentricity.amplitude", 0.0), value.get("wheel_eccentricity.phase", 0.0)
+    slip, skid = value.get("longitudinal_slip.coefficient", 0.0), value.get("lateral_slip.coefficient", 0.0)
+    track, gusts = TRACK_WIDTH * value.get("track_width.scale", 1.0), value.get("gusts.size", 0.0)
+    drift, heading = value.get("slope.rate", 0.0), value.get("slope.heading", 0.0)
+    drift_x, drift_y = drift * math.cos(heading), drift * math.sin(heading)
     x, y, theta = pose
-    settled = list(command(begin - value.get("command_delay.delay", 0.0)))
-    ramp = list(settled)
-    base = [sum(settled) / 2, (settled[1] - settled[0]) / 2]  # forward and turning, rad/s
-    play = [0.5 * value.get("backlash.gap", 0.0) * _sign(w) for w in settled]  # motor minus wheel, rad
-    turned = [0.0, 0.0]  # rad
-    past: list[list[float]] = []  # wheel speeds so far, rad/s
+    left, right = settled = ramp = command(begin - delay)
+    forward, turn = (left + right) / 2, (right - left) / 2  # base, rad/s
+    play = 0.5 * gap * _sign(left), 0.5 * gap * _sign(right)  # motor minus wheel, rad
+    turned = 0.0, 0.0  # rad
+    past: list[tuple[float, float]] = []  # wheel speeds so far, rad/s
     out = np.empty((len(times), 3))
-    n = 0
+    n, due = 0, [float(time) - 1e-9 for time in times]
     steps = int(round((times[-1] - begin) / fine)) + 1
     for k in range(steps):
         t = begin + k * fine
-        while n < len(times) and times[n] <= t + 1e-9:
+        while n < len(due) and due[n] <= t:
             out[n] = x, y, theta
             n += 1
-        u = list(command(t - value.get("command_delay.delay", 0.0)))
-        u = _ramped(u, base, fine, value)
-        width = value.get("dead_zone.width", 0.0)
-        u = [0.0 if abs(v) < width else v for v in u]
-        loss = value.get("breakaway_loss.loss", 0.0)
-        u = [v - min(max(v, -loss), loss) for v in u]
-        most = fine * value.get("rate_limit.rate", math.inf)
-        ramp = u = [r + min(max(v - r, -most), most) for r, v in zip(ramp, u, strict=True)]
-        u = [v * value.get("actuator_gain.gain", 1.0) * (1.0 - value.get("voltage_sag.rate", 0.0) * t) for v in u]
-        u = _steered(u, value)
-        limit = value.get("saturation.limit", math.inf)
-        u = [min(max(v, -limit), limit) for v in u]
-        tau = value.get("actuator_lag.time_constant", 0.0)
-        if tau > 0:
-            settled = [s + fine / tau * (v - s) for s, v in zip(settled, u, strict=True)]
-            u = settled
-        w = list(u)
-        gap = value.get("backlash.gap", 0.0)
-        if gap > 0:
-            for i in (0, 1):
-                play[i] += u[i] * fine
-                push = play[i] - min(max(play[i], -gap / 2), gap / 2)  # what exceeds the gap moves the wheel
-                play[i] -= push
-                w[i] = push / fine
-        r_left = WHEEL_RADIUS * value.get("wheel_radius.scale", 1.0)
-        r_right = r_left * value.get("wheel_radius_mismatch.ratio", 1.0)
-        swing, phase = value.get("wheel_eccentricity.amplitude", 0.0), value.get("wheel_eccentricity.phase", 0.0)
-        r_left *= 1.0 + swing * math.cos(turned[0] + phase)
-        r_right *= 1.0 + swing * math.cos(turned[1] + phase)
-        turned = [q + fine * v for q, v in zip(turned, w, strict=True)]
-        past.append(list(w))
-        ago = past[max(0, len(past) - 1 - round(RESPONSE / fine))]
-        accel = [(a - b) / RESPONSE for a, b in zip(w, ago, strict=True)]
-        slip = value.get("longitudinal_slip.coefficient", 0.0)
-        left = r_left * w[0] * (1.0 - slip * abs(r_left * accel[0]) / GRAVITY)
-        right = r_right * w[1] * (1.0 - slip * abs(r_right * accel[1]) / GRAVITY)
-        v = (left + right) / 2
-        omega = (right - left) / (TRACK_WIDTH * value.get("track_width.scale", 1.0))
-        omega += value.get("gusts.size", 0.0) * math.sin(7.0 * t)  # rad/s; no effect of the library
-        outwards = v * omega * value.get("lateral_slip.coefficient", 0.0)  # to the right in a turn to the left
-        drift, heading = value.get("slope.rate", 0.0), value.get("slope.heading", 0.0)
-        x += fine * (v * math.cos(theta) + outwards * math.sin(theta) + drift * math.cos(heading))
-        y += fine * (v * math.sin(theta) - outwards * math.cos(theta) + drift * math.sin(heading))
+        left, right = command(t - delay)
+        forward += _within((left + right) / 2 - forward, quicken)  # a base speeds up and turns within its limits
+        turn += _within((right - left) / 2 - turn, swerve)
+        left, right = forward - turn, forward + turn
+        if width:
+            left, right = (0.0 if abs(u) < width else u for u in (left, right))
+        if loss:
+            left, right = left - _within(left, loss), right - _within(right, loss)
+        ramp = left, right = ramp[0] + _within(left - ramp[0], most), ramp[1] + _within(right - ramp[1], most)
+        left, right = left * gain * (1.0 - sag * t), right * gain * (1.0 - sag * t)
+        ahead, around = (left + right) / 2, _within((right - left) / 2 * turned_by, fastest)
+        left, right = ahead - around, ahead + around
+        if shared < math.inf:  # a base that slows down on curves
+            share = min(shared / max(abs(left), abs(right), 1e-9), 1.0)
+            left, right = share * left, share * right
+        left, right = _within(left, limit), _within(right, limit)
+        if tau:
+            settled = left, right = (
+                settled[0] + fine / tau * (left - settled[0]),
+                settled[1] + fine / tau * (right - settled[1]),
+            )
+        if gap:
+            moved = play[0] + left * fine, play[1] + right * fine
+            push = [p - _within(p, gap / 2) for p in moved]  # what exceeds the gap moves the wheel
+            play = moved[0] - push[0], moved[1] - push[1]
+            left, right = push[0] / fine, push[1] / fine
+        r_left, r_right = radius, other
+        if swing:
+            r_left *= 1.0 + swing * math.cos(turned[0] + phase)
+            r_right *= 1.0 + swing * math.cos(turned[1] + phase)
+            turned = turned[0] + fine * left, turned[1] + fine * right
+        v_left, v_right = r_left * left, r_right * right  # m/s
+        if slip:
+            past.append((left, right))
+            ago = past[max(0, len(past) - 1 - round(RESPONSE / fine))]
+            v_left *= 1.0 - slip * abs(r_left * ((left - ago[0]) / RESPONSE)) / GRAVITY
+            v_right *= 1.0 - slip * abs(r_right * ((right - ago[1]) / RESPONSE)) / GRAVITY
+        v, omega = (v_left + v_right) / 2, (v_right - v_left) / track
+        if gusts:
+            omega += gusts * math.sin(7.0 * t)  # rad/s; no effect of the library
+        outwards, cos, sin = v * omega * skid, math.cos(theta), math.sin(theta)  # to the right in a turn to the left
+        x += fine * (v * cos + outwards * sin + drift_x)
+        y += fine * (v * sin - outwards * cos + drift_y)
         theta += fine * omega
     out[n:] = x, y, theta
     return out
 
 
-def _ramped(u: list[float], base: list[float], fine: float, value: Mapping[str, float]) -> list[float]:
-    """Wheel speeds, rad/s, of a base that speeds up and turns no faster than its limits; moves `base`, its forward and
-    turning speed."""
-    wanted = (u[0] + u[1]) / 2, (u[1] - u[0]) / 2
-    for i, name in enumerate(("forward_rate_limit.rate", "turn_rate_limit.rate")):
-        ahead = wanted[i] - base[i]
-        base[i] += math.copysign(min(abs(ahead), fine * value.get(name, math.inf)), ahead)
-    return [base[0] - base[1], base[0] + base[1]]
-
-
-def _steered(u: list[float], value: Mapping[str, float]) -> list[float]:
-    """Wheel speeds, rad/s, as a base controller gives them that turns less or slows down on curves."""
-    forward, turn = (u[0] + u[1]) / 2, (u[1] - u[0]) / 2 * value.get("turn_gain.gain", 1.0)
-    fastest = value.get("turn_limit.limit", math.inf)
-    turn = math.copysign(min(abs(turn), fastest), turn)
-    share = value.get("shared_limit.limit", math.inf) / max(abs(forward - turn), abs(forward + turn), 1e-9)
-    return [min(share, 1.0) * w for w in (forward - turn, forward + turn)]
+def _within(x: float, limit: float) -> float:
+    return -limit if x < -limit else limit if x > limit else x
 
 
 def _sign(w: float) -> float:

@@ -30,16 +30,17 @@ def rover_run(
     t -= t[0]
     frequency, phase = rng.uniform(0.15, 0.7, (3, 2)), rng.uniform(0, 6.28, (3, 2))
     u = (4.0 * np.sin(2 * np.pi * frequency * t[:, None, None] + phase)).sum(axis=1)  # rad/s
-    held = {"k": 0}
+    stamps, sent = t.tolist(), [(left, right) for left, right in u.tolist()]
+    k = 0
 
     def command(time: float) -> tuple[float, float]:
-        k = held["k"]  # time mostly goes forward: start from where it was
-        while k + 1 < n and t[k + 1] <= time + 1e-9:
+        nonlocal k  # time mostly goes forward: start from where it was
+        time += 1e-9
+        while k + 1 < n and stamps[k + 1] <= time:
             k += 1
-        while k > 0 and t[k] > time + 1e-9:
+        while k > 0 and stamps[k] > time:
             k -= 1
-        held["k"] = k
-        return float(u[k, 0]), float(u[k, 1])
+        return sent[k]
 
     pose = simulate(command, t, faults, fine=5e-4)
     columns = {"command.left": u[:, 0], "command.right": u[:, 1]}

@@ -1,14 +1,16 @@
 """A pendulum behind a gear, written out: rotor and link as two inertias with a spring, or play with two stops, between.
 
-Integrated by SciPy's LSODA between the commands, apart from any engine; angles of both sides at the link's scale.
+Integrated by SciPy's LSODA between the changes of the command, apart from any engine; angles of both sides at the
+link's scale.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import solve_ivp
+from scipy.integrate import odeint
 from scipy.optimize import brentq
 
 GRAVITY = 9.81  # m/s^2
@@ -63,29 +65,31 @@ class Gear:
 
     def driven(self, start: np.ndarray, commands: np.ndarray, dt: float) -> np.ndarray:
         """(K + 1, 4) states under commands (K,) held for dt s each."""
-        states, most = [start], dt / 4 if self.play else np.inf
-        for u in commands:
-            found = solve_ivp(
-                self._rates, (0.0, dt), states[-1], "LSODA", args=(u,), rtol=1e-8, atol=1e-10, max_step=most
+        states, most = [np.array(start)[None]], dt / 4 if self.play else 0.0  # 0: as long as the tolerances allow
+        changes = np.flatnonzero(np.diff(commands)) + 1
+        for held in np.split(commands, changes):
+            t = dt * np.arange(len(held) + 1)
+            found = odeint(
+                self._rates, states[-1][-1], t, (float(held[0]),), rtol=1e-8, atol=1e-10, hmax=most, tfirst=True
             )
-            states.append(found.y[:, -1])
-        return np.array(states)
+            states.append(found[1:])
+        return np.concatenate(states)
 
     def logged(self, states: np.ndarray) -> np.ndarray:
         """(K,) angles that the sensor reports."""
         return states[:, 1 if self.sensor == "link" else 0]
 
     def _weight(self, link: float) -> float:
-        return self.mass * GRAVITY * self.length * float(np.sin(link))
+        return self.mass * GRAVITY * self.length * math.sin(link)
 
     def _rates(self, _: float, x: np.ndarray, command: float) -> list[float]:
-        motor, link, w_motor, w_link = x
+        motor, link, w_motor, w_link = x.tolist()
         wound = motor - link
-        wound -= np.clip(wound, -self.play / 2, self.play / 2)
+        wound -= min(max(wound, -self.play / 2), self.play / 2)
         through = self.stiffness * wound + self.damping * (w_motor - w_link) * (wound != 0.0 or not self.play)
         seen, rate = (motor, w_motor) if self.feedback == "motor" else (link, w_link)
         servo = self.kp * (command - seen) - self.kv * rate
-        drag = [self.friction * w + self.dry * np.tanh(w / SLOW) for w in (w_motor, w_link)]
+        drag = [self.friction * w + self.dry * math.tanh(w / SLOW) for w in (w_motor, w_link)]
         return [
             w_motor,
             w_link,

@@ -35,7 +35,7 @@ def drafted(folder: Path, case: Case) -> str:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if n in ("ur5e", "panda") else n for n in CASES]
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n != "so101" else n for n in CASES]
 )
 def test_init_needs_no_edit(tmp_path: Path, name: str) -> None:
     case = CASES[name]

@@ -39,7 +39,7 @@ def test_all_nine_are_there_by_name():
 
 
 def test_an_experiment_answers_with_the_learn_object(tmp_path):
-    experiment = replace(arm.A.experiment, build=planted, settings=StreamSettings(replays=3))
+    experiment = replace(arm.A.experiment, build=planted, settings=StreamSettings(replays=2))
     made = [LearningScenario(experiment).run(RunOptions(seeds=2, out=tmp_path), SILENT) for _ in range(2)]
     for r in made:
         del r["update_ms"]  # the one thing that a clock decides

@@ -20,6 +20,7 @@ from controllers.usual import usual_settings
 from residual_mpc.cli.main import cli
 from residual_mpc.closed_loop.scenario import RunOptions
 from residual_mpc.errors import BadInput
+from residual_mpc.models.drawing import NoRenderer
 from residual_mpc.models.settings import Knob
 from scenarios.own import OwnScenario, Waypoints, drive, read_reference
 from scenarios.own.demands import _late, _out_of_reach
@@ -52,8 +53,22 @@ def errors(result: Mapping[str, Any]) -> dict[str, float]:
     return {name: c["tracking_rmse"] for name, c in result["controllers"].items()}
 
 
+@pytest.fixture(autouse=True)
+def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Episodes this short take less time than a C compiler."""
+    for module in ("controllers.rollout", "residual_mpc.closed_loop.estimator"):
+        monkeypatch.setattr(f"{module}.compiler", lambda: None)
+
+
+def no_renderer() -> str:
+    raise NoRenderer("a skeleton is drawn sooner")
+
+
 @pytest.mark.parametrize("controller", ["mpc", pytest.param("lqr", marks=pytest.mark.slow)])
-def test_the_diagnosed_effects_pay_in_joint_space(tmp_path: Path, controller: Any) -> None:
+def test_the_diagnosed_effects_pay_in_joint_space(
+    tmp_path: Path, controller: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("plants.mujoco_robot.drawing.renderer._backend", no_renderer)
     robot = robot_file(tmp_path)
     model = rm.augment(robot, tmp_path / "model.json", dt=0.02)
     result = OwnScenario(robot, model, swing(), withheld=TRUTH).run(RunOptions(controller, 1, 0, tmp_path / "out"))
