@@ -19,7 +19,7 @@ def document(rows: list[Measured]) -> str:
         "# Recorded robots\n",
         *in_short([m.document["shrink"] for m in rows if m.document is not None and m.document.get("shrink")]),
         f"Measured on {today} with residual-mpc {version('residual-mpc')}{commit()} by\n"
-        "`python -m benchmarks.recorded --page docs/results/recorded.md`. The recordings are not part of this "
+        "`python -m benchmarks.recorded --page FILE`. The recordings are not part of this "
         "repository.\n",
         "What each diagnosis was not told, what it expected and what was achieved: [real data,\n"
         "withheld](withheld.md).\n",
