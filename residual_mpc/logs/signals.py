@@ -22,7 +22,11 @@ EQUAL = 1e-6  # of the period: stamps closer than this are next to equal
 MAD_TO_SIGMA = 1.4826  # of a normal distribution
 EVEN = 0.95  # share of a slower sensor's holds that are equally long, up to a sample
 ONWARD = 0.05  # share of its holds after which the motion goes on as before; a third in pure noise
-SLOWER = 0.1  # share of clear moves followed by a repeat, from which a sensor counts as slower than its log
+SLOWER = 0.1  # share of clear moves followed by a repeat, from which a sensor may be slower than its log
+REGULAR = 0.8  # share of the holds with a repeat that follow each other at the same distance, up to a hold
+MISSES = 0.02  # share of clear moves that a repeat parts, from which a sensor misses updates
+FEWEST = 5  # of these repeats, below which a share says nothing
+MISSED = 4  # updates in a row that a sensor misses at most; a motion that stands still for longer has paused
 BURST = 3  # samples: the longest spike
 FLANK = 0.3  # of a spike's height: the most that the samples beside it may share
 REACH = 11  # samples in the window of a local polynomial
@@ -68,30 +72,57 @@ def fresh_samples(y: FloatArray) -> BoolArray:
 
     A channel counts as slower than its log only when clear moves, of several steps of its resolution, are
     followed by exact repeats, equally many each time; a quantised channel that creeps or stands still repeats
-    itself at full rate. Without motion, one sample in each of the sensor's periods counts as fresh.
+    itself at full rate. Without motion, one sample in each of the sensor's periods counts as fresh. Of a sensor
+    that misses an update now and then, the few repeats between two moves in one direction are not fresh; whether
+    it does is seen from moves of two steps and more.
     """
     fresh = np.isfinite(y)
     where = np.flatnonzero(fresh)
-    period = _sensor_period(y[where])
+    values = y[where]
+    if len(values) < 8:
+        return fresh
+    changes = np.flatnonzero(np.diff(values) != 0.0)  # the value at changes + 1 is new
+    if len(changes) < 4:
+        return fresh
+    size = np.abs(np.diff(values)[changes])
+    step = resolution(values)
+    clear = size > max(3.0 * step, 0.5 * float(np.median(size)))
+    period = _sensor_period(values, changes, clear)
     if period > 1:
-        repeat = np.diff(y[where], prepend=np.nan) == 0.0
+        repeat = np.diff(values, prepend=np.nan) == 0.0
         last_change = np.maximum.accumulate(np.where(repeat, 0, np.arange(len(where))))
         fresh[where] = (np.arange(len(where)) - last_change) % period == 0
+    else:
+        found, share = _missed(values, changes, size > 1.5 * step)
+        if share >= MISSES and found.sum() >= FEWEST:  # slow motion hides others among what a full rate repeats
+            found, _ = _missed(values, changes, size > 0.0)
+        fresh[where[found]] = False
     return fresh
 
 
-def _sensor_period(values: FloatArray) -> int:
-    """How many samples a slower sensor holds its value while it moves; 1 for a sensor at full rate."""
-    if len(values) < 8:
-        return 1
-    changes = np.flatnonzero(np.diff(values) != 0.0)  # the value at changes + 1 is new
-    if len(changes) < 4:
-        return 1
-    size = np.abs(np.diff(values)[changes])
-    clear = size > max(3.0 * resolution(values), 0.5 * float(np.median(size)))
+def _missed(values: FloatArray, changes: NDArray[np.intp], clear: BoolArray) -> tuple[BoolArray, float]:
+    """(n,) bool: the repeats between two clear moves in one direction, if there are few of them in a row; and how
+    often there are any. changes: of the values, those that are clear."""
+    moves, held = np.diff(values)[changes], np.diff(changes)
+    onward = clear[:-1] & clear[1:] & (moves[:-1] * moves[1:] > 0.0) & (held <= 1 + MISSED)
+    amid = onward & (held > 1)
+    out = np.zeros(len(values), dtype=bool)
+    for first, last in zip(changes[:-1][amid] + 2, changes[1:][amid] + 1, strict=True):
+        out[first:last] = True
+    return out, float(amid.sum() / max(onward.sum(), 1))
+
+
+def _sensor_period(values: FloatArray, changes: NDArray[np.intp], clear: BoolArray) -> int:
+    """How many samples a slower sensor holds its value while it moves; 1 for a sensor at full rate. changes: of the
+    values, those that are clear."""
     # how long a value is held between two clear moves: creeping at either end would say nothing
     hold = np.diff(changes)[clear[:-1] & clear[1:]]
-    if len(hold) < 4 or np.mean(hold > 1) < SLOWER:
+    held = np.flatnonzero(hold > 1)
+    if len(hold) < 4 or len(held) < max(3.0, SLOWER * len(hold)):
+        return 1
+    # its clock beats with that of the log; a sensor that misses an update now and then does so at random
+    apart = np.diff(held)
+    if np.mean(np.abs(apart - np.median(apart)) <= 1) < REGULAR:
         return 1
     # a sensor holds its values for equally long; a motion that pauses now and then does not
     even = np.abs(hold - np.median(hold)) <= np.maximum(1.0, 0.25 * np.median(hold))

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from oracles.arms import arm_xml, robot_of
+from oracles.arms import arm_xml, robot_of, settings_of
 
 from plants.mujoco_robot.robot import MujocoRobot
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
@@ -17,7 +17,7 @@ from residual_mpc.diagnosis.data.gap import measure_scales, per_window
 from residual_mpc.diagnosis.data.reached_setpoints import reached
 from residual_mpc.diagnosis.data.settings import UnknownPastSettings
 from residual_mpc.diagnosis.data.signals import Signal, Signals
-from residual_mpc.diagnosis.data.unknown_past import after_unknown_past, runs_with_unknown_past
+from residual_mpc.diagnosis.data.unknown_past import after_unknown_past, has_memory, runs_with_unknown_past
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.conditions import notes
 from residual_mpc.diagnosis.results.gaps import _look
@@ -166,6 +166,23 @@ def test_a_horizon_whose_windows_all_begin_after_an_unknown_past_does_not_decide
     right = replace(known, steady=replace(known.steady, total=0.0, channels=np.zeros(1)))
     assert verdict_of([right, early]) == "effects" and verdict_of([right, known]) == "partial"
     assert verdict_of([early, right]) == "partial"
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameter", "target", "wanted"),
+    [
+        ("viscous_friction", "coefficient", "hub", False), ("joint_spring", "stiffness", "hub", False),
+        ("payload", "mass", None, False), ("actuator_gain", "gain", "hub", False),
+        ("actuator_lag", "time_constant", "hub", True), ("backlash", "gap", "hub", True),
+        ("servo_integral", "gain", "hub", True), ("joint_compliance", "stiffness", "hub", True),
+        ("sensor_delay", "delay", None, True), ("sensor_lag", "time_constant", None, True),
+    ],
+)  # fmt: skip
+def test_the_past_acts_through_effects_with_a_memory_alone(
+    tmp_path: Path, effect: str, parameter: str, target: str | None, wanted: bool
+) -> None:
+    row = settings_of(robot(tmp_path), {(effect, target, parameter): 0.5})
+    assert has_memory(row) == wanted
 
 
 def test_notes_say_which_windows_the_verdict_leaves_out(tmp_path: Path) -> None:

@@ -50,6 +50,18 @@ def test_what_stays_inside_or_is_no_angle_passes_nothing(run: Run) -> None:
     assert passed_ranges([run], facts((-2.0, 2.0))) == () and check_ranges([run], facts((-2.0, 2.0))) == []
 
 
+def test_a_range_in_radians_that_the_model_file_reads_as_degrees_is_said_to_be_one() -> None:
+    stated = (-2.0 * np.pi / 180.0, 2.0 * np.pi / 180.0)
+    run = replace(RUN, columns={**RUN.columns, "position.b": 0.7 * np.sin(RUN.t)})
+    (passed,) = passed_ranges([run], facts(stated))
+    assert passed.widened[0] < -0.7 and passed.widened[1] > 0.7
+    (finding,) = check_ranges([run], facts(stated))
+    assert "if -2 to 2 rad is meant" in finding.remedy and "without either stop" in finding.message
+    assert passed_ranges([run], replace(facts(stated), sliding=frozenset({"b"}))) == ()
+    far = replace(RUN, columns={**RUN.columns, "position.b": 2.4 * np.sin(RUN.t)})
+    assert passed_ranges([far], facts(stated)) == ()
+
+
 def test_a_clipped_command_that_the_joint_follows() -> None:
     """Only on the side on which the joint was measured beyond it; on others the model may be right to clip."""
     wide = moved(2.4, "command.b")

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import residual_mpc as rm
-from residual_mpc.logs.even_clock import even_clock
+from residual_mpc.logs.even_clock import even_clock, ticks
 from residual_mpc.logs.run import FloatArray, Run
 from residual_mpc.logs.sampling_times import with_sampling_times
 
@@ -118,6 +118,32 @@ def test_tables_are_read_so(tmp_path: Path) -> None:
 def test_noise_alone_says_nothing() -> None:
     run, _ = logged("a", 100.0, 0.0, 0.15, seed=8, speed=0.0)
     assert with_sampling_times([run])[0][0] is run
+
+
+def test_samples_that_repeat_the_last_one_now_and_then_say_nothing_and_the_others_do() -> None:
+    """As from a driver that misses an update of its sensor now and then; such a row looks stamped late."""
+    run, taken = logged("a", 100.0, 0.0, 0.15, seed=11, seconds=60.0)
+    y, rng = run.columns["position.j"].copy(), np.random.default_rng(12)
+    for row in 1 + np.flatnonzero(rng.uniform(size=len(y) - 1) < 0.12):
+        y[row] = y[row - 1]
+    run = replace(run, columns={**run.columns, "position.j": y})
+    (mended,), _ = with_sampling_times([run])
+    assert off(mended, taken) < 0.3 * off(run, taken)
+
+
+def test_a_late_stamp_is_no_lost_row_and_a_lost_row_is_a_tick() -> None:
+    """Stamps late by more than half a period now and then, as of a program that stamps what arrives."""
+    rng = np.random.default_rng(13)
+    taken = 0.01 * np.arange(6000)
+    late = rng.exponential(0.0015, len(taken))
+    stamps = np.maximum.accumulate(taken + late)
+    assert (late > 0.006).sum() > 50
+    for kept in (np.ones(len(taken), dtype=bool), rng.uniform(size=len(taken)) > 0.01):
+        kept[[0, -1]] = True
+        counted, _ = ticks(stamps[kept], 0.01)
+        assert counted[-1] == len(taken) - 1
+        even = even_clock(stamps[kept], 0.01)
+        assert np.std(even - taken[kept]) < 0.3 * np.std(stamps[kept] - taken[kept])
 
 
 def test_a_slower_sensor_says_nothing() -> None:

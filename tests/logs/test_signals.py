@@ -128,3 +128,23 @@ def test_stamps_that_are_next_to_equal_do_not_overflow(rng: np.random.Generator)
     t, y = T[:200].copy(), 0.01 * rng.standard_normal(200)
     t[:3] = [0.0, 1e-180, 2e-180]
     assert noise_sigma(t, y) == pytest.approx(0.01, rel=0.3)
+
+
+def test_repeats_of_a_sensor_that_misses_updates_at_random_are_not_fresh(rng: np.random.Generator) -> None:
+    """As far as it moves: nobody can tell a repeat from a new reading of a joint that stands still."""
+    y = np.sin(3.0 * T) + 0.001 * rng.standard_normal(len(T))
+    missed = rng.uniform(size=len(T)) < 0.12
+    missed[0] = False
+    for k in np.flatnonzero(missed):
+        y[k] = y[k - 1]
+    found, moving = ~fresh_samples(y), np.abs(np.cos(3.0 * T)) > 0.6
+    assert not found[~missed].any() and found[missed & moving].mean() > 0.9
+    assert not spikes(T, y, noise_sigma(T, y)).any()
+    y = np.round(y / 0.01) * 0.01
+    assert not (~fresh_samples(y))[~missed & moving].any()
+
+
+def test_a_motion_that_pauses_is_fresh(rng: np.random.Generator) -> None:
+    """Quantised, it stands exactly still, and then goes on in the same direction."""
+    y = np.cumsum(np.where((np.arange(len(T)) // 50) % 2 == 0, 0.01, 0.0))
+    assert fresh_samples(y).all()

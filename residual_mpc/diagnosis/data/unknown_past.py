@@ -6,8 +6,19 @@ from residual_mpc.diagnosis.data.before_the_log import held_before
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.settings import UnknownPastSettings
 from residual_mpc.diagnosis.data.signals import Signal
+from residual_mpc.effects.library import BY_NAME
 from residual_mpc.logs.signals import noise_sigma
 from residual_mpc.models.protocol import Robot
+from residual_mpc.models.settings import Settings
+
+# where effects act whose memory the plant or the readings keep: integrals, springs, delays and low-passes
+REMEMBERING = frozenset({"servo", "spring", "delay", "filter"})
+
+
+def has_memory(settings: Settings) -> bool:
+    """Whether what was sent or happened before a window acts in it, by any of these effects. If none has a memory, the
+    start state is all that the past leaves."""
+    return any(BY_NAME[name].remembers or BY_NAME[name].place in REMEMBERING for name in settings.effects)
 
 
 def runs_with_unknown_past(data: Dataset, settings: UnknownPastSettings) -> np.ndarray:

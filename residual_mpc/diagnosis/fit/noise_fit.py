@@ -17,6 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.fresh import fresh_in_windows
 from residual_mpc.diagnosis.data.gap import Scales, gap_of, window_trust
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise, ornstein_uhlenbeck
 from residual_mpc.diagnosis.fit.cross_validation import folds_of
@@ -83,8 +84,9 @@ def fit_noise(
     tuned = settings.noise
     problem, predicted = _steady(problem, scales, predicted, settings=settings)
     data = problem.data
-    # errors of the start states go first: they are not noise, and the regression would learn them from a few windows
-    seen = np.isfinite(data.y)
+    # errors of the start states go first: they are not noise, and the regression would learn them from a few windows.
+    # Repeats are errors of the speed, which would make the noise of an encoder look uneven
+    seen = fresh_in_windows(data)
     weight = np.maximum(problem.weight, 1e-12)
     error = np.where(seen, _projected(np.where(seen, data.y - predicted, 0.0) * weight, problem.basis) / weight, np.nan)
     left = unlearnable(data, scales, error, predicted, settings=settings)

@@ -9,7 +9,7 @@ from residual_mpc.diagnosis.data.constant_velocity import constant_velocity
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of, per_window, window_trust
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise
-from residual_mpc.diagnosis.data.unknown_past import runs_with_unknown_past, soon_after_unknown_past
+from residual_mpc.diagnosis.data.unknown_past import has_memory, runs_with_unknown_past, soon_after_unknown_past
 from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, stated_sizes
 from residual_mpc.diagnosis.predict.horizons import FORETOLD, HorizonWindows
 from residual_mpc.diagnosis.predict.longer_steps import quickened
@@ -166,7 +166,7 @@ def measure_gaps(
     floors = noise_errors(quick, row, rng, floor_draws(seen, steps, settings=settings.predict), seen)
     floor = floor_under(seen, scales, floors, test, settings=settings.predict)
     everywhere = floor_under(seen, scales, floors, np.ones(seen.count), settings=settings.predict)
-    unknown = runs_with_unknown_past(raw, settings.data.unknown_past)
+    unknown = runs_with_unknown_past(raw, settings.data.unknown_past) & has_memory(row)
     looks = [_look(raw, scales, errors, test, bool(of.held.any()), floor, unknown, settings=settings)]
     # outliers count as a gap if they are named, or if their effect is excluded
     jumps = of.unnamed_outliers or (of.with_outliers and helps)

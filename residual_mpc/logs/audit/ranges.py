@@ -19,6 +19,7 @@ from residual_mpc.logs.run import FloatArray, Run
 MARGIN = 0.02  # of the range: stops are soft, and zeros are a little off
 LASTING = 3  # samples in a row, so that outliers do not count
 FAR = 5.0  # times the range: such angles are in degrees, and that is said elsewhere
+DEGREES = 180.0 / np.pi  # in a radian
 Range = tuple[float, float]
 Of = Literal["joint", "command"]
 JOINT: Of = "joint"
@@ -54,7 +55,9 @@ class PassedRange:
 def passed_ranges(runs: Sequence[Run], robot: RobotFacts) -> tuple[PassedRange, ...]:
     """Ranges of the model that the robot went beyond: those of joints that were measured outside, and those of the
     commands of position servos that were sent outside, and whose joints followed."""
-    joints = [_passed(JOINT, f"position.{j}", j, stated, runs) for j, stated in robot.limits.items()]
+    joints = [
+        _passed(JOINT, f"position.{j}", j, stated, runs, j not in robot.sliding) for j, stated in robot.limits.items()
+    ]
     servos = [a for a in robot.actuators if a.kind == "position" and a.name in robot.clamps]
     commands = [_followed(a, robot.clamps[a.name], runs) for a in servos]
     return tuple(p for p in (*joints, *commands) if p is not None)
@@ -79,12 +82,18 @@ def check_ranges(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
 
 def _said(passed: PassedRange) -> Finding:
     if passed.of == JOINT:
+        remedy = (
+            "widen the range in the model file; if the joint cannot get there, check the unit, sign and zero of this "
+            "column"
+        )
+        if _is_far(passed.stated, passed.reached):
+            meant = _text((passed.stated[0] * DEGREES, passed.stated[1] * DEGREES))
+            remedy = f"an MJCF file's ranges are in degrees: if {meant} rad is meant, add <compiler angle=\"radian\"/>"
         return Finding(
             "warning", "beyond the range", passed.run, f"position.{passed.name}", passed.row,
             f"position.{passed.name} {_reaches(passed)}, beyond the joint range {_text(passed.stated)} of the model, "
             f"which is used without {_that(passed)} stop",
-            "widen the range in the model file; if the joint cannot get there, check the unit, sign and zero of this "
-            "column",
+            remedy,
         )  # fmt: skip
     return Finding(
         "warning", "beyond the range", passed.run, f"command.{passed.name}", passed.row,
@@ -110,8 +119,22 @@ def _text(stated: Range) -> str:
     return f"{stated[0]:.4g} to {stated[1]:.4g}"
 
 
-def _passed(of: Of, column: str, name: str, stated: Range, runs: Sequence[Run]) -> PassedRange | None:
-    """The range as the runs reached it; None where they stayed inside."""
+def _is_far(stated: Range, reached: Range) -> bool:
+    """Whether the runs went beyond a range by a multiple of it."""
+    low, high = stated
+    return max(abs(x) for x in reached) > FAR * max(abs(low), abs(high), high - low)
+
+
+def _read_as_degrees(stated: Range, reached: Range) -> bool:
+    """Whether an angle's range in rad holds what was reached if its numbers are read as radians: a model file gives
+    them in degrees unless it says otherwise."""
+    return stated[0] * DEGREES <= reached[0] and reached[1] <= stated[1] * DEGREES
+
+
+def _passed(
+    of: Of, column: str, name: str, stated: Range, runs: Sequence[Run], turns: bool = False
+) -> PassedRange | None:
+    """The range as the runs reached it; None where they stayed inside. turns: of a joint, whether that is an angle."""
     low, high = stated
     margin = MARGIN * (high - low)
     having = [run for run in runs if column in run.measured or (of == COMMAND and column in run.columns)]
@@ -119,8 +142,9 @@ def _passed(of: Of, column: str, name: str, stated: Range, runs: Sequence[Run]) 
     if not lasting or not high > low:
         return None
     lowest, highest = (float(end) for end in (min(x[0] for x in lasting), max(x[1] for x in lasting)))
-    reach = max(abs(low), abs(high), high - low)
-    if not (lowest < low - margin or highest > high + margin) or max(abs(lowest), abs(highest)) > FAR * reach:
+    if not (lowest < low - margin or highest > high + margin):
+        return None
+    if _is_far(stated, (lowest, highest)) and not (turns and _read_as_degrees(stated, (lowest, highest))):
         return None
     reached = (lowest if lowest < low - margin else low), (highest if highest > high + margin else high)
     first = next(r for r, (a, b) in zip(having, lasting, strict=True) if a < low - margin or b > high + margin)
