@@ -110,15 +110,34 @@ def _terms(values: Values) -> frozenset[Term]:
 
 
 def _reshaped(search: LawSearch, found: WithLaws) -> WithLaws:
-    """The laws in richer shapes where these fit better beyond doubt once all terms are there."""
+    """The laws in richer shapes where these fit better beyond doubt once all terms are there, and as the effects that
+    they are equivalent to where they do not fit better beyond doubt."""
     laws = {t: law for t, law in found.laws.items() if any(k.term == t for k in found.values if is_law(k.effect))}
-    if not any(law.richer for law in laws.values()):
+    if not any(law.richer or named_twin(law, found.space) is not None for law in laws.values()):
         return found
     problem = _problem(search, found.space, found.values)
     (fit,) = fit_all(problem, [found.values], search.settings.fit_steps, settings=search.tuning.fit)
     for term, law in laws.items():
         laws[term], problem, fit = _shaped(search, problem, law, fit)
+    for term, law in tuple(laws.items()):
+        named = _as_named(search, problem, law, fit)
+        if named is not None:
+            fit = named
+            del laws[term]
     return _with_laws(search, problem.space, fit, laws)
+
+
+def _as_named(search: LawSearch, problem: Problem, law: Proposal, fit: Fit) -> Fit | None:
+    """The fit with the effect that is equivalent to a law in its place; None where there is none or the law, which has
+    numbers of its own, fits better beyond doubt. They may have taken up what terms explain that came later."""
+    tuning, space, rest = search.tuning, problem.space, without(fit.values, law.term)
+    twin = named_twin(law, space)
+    if twin is None or not _addable([twin], space, rest):
+        return None
+    (tried,) = fit_all(problem, [{**rest, **twin.start}], search.settings.fit_steps, settings=tuning.fit)
+    spread = dispersion(fit, blocks_of(search.few, settings=tuning.fit))
+    price = tuning.search.beyond_doubt + tuning.search.per_knob * (len(fit.values) - len(tried.values))
+    return tried if tried.cost - fit.cost <= price * spread else None
 
 
 def _added(search: LawSearch, space: Space, values: Values, rng: np.random.Generator) -> WithLaws | None:
