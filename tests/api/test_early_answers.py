@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from oracles.rover_log import ROBOT, rover_run, write_run
+from short_films import PROGRAM
 
 import residual_mpc as rm
 from residual_mpc.report.words.early import first_look_sentence, so_far_sentence
@@ -26,13 +27,6 @@ def rover(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-SHORT = """
-import sys
-from residual_mpc.cli.main import main
-from residual_mpc.report.motion import film
-film.FRAMES, film.LONG_FRAMES = 3, 5
-main(sys.argv[1:])
-"""
 INTERRUPTED = """
 import os, signal, sys
 from residual_mpc.api import early_answers
@@ -49,7 +43,7 @@ main(sys.argv[1:])
 
 def command(folder: Path, interrupted: bool) -> subprocess.CompletedProcess[str]:
     """The command, with short films; interrupted: as by Ctrl-C once there is an answer so far."""
-    program = ["-c", INTERRUPTED if interrupted else SHORT]
+    program = ["-c", INTERRUPTED if interrupted else PROGRAM]
     words = ["diagnose", "--robot", "robot.toml", "run0.csv", "run1.csv", "--out", "out", "--only", ONLY]
     return subprocess.run([sys.executable, *program, *words], cwd=folder, capture_output=True, text=True, check=False)
 

@@ -14,17 +14,11 @@ import numpy as np
 import pytest
 from oracles.arms import arm_xml
 from oracles.rover_log import ROBOT, rover_run, write_run
+from short_films import PROGRAM
 
 from residual_mpc.checkpoint import Checkpoint, Keeper
 from residual_mpc.errors import BadInput
 
-SHORT = """
-import sys
-from residual_mpc.cli.main import main
-from residual_mpc.report.motion import film
-film.FRAMES, film.LONG_FRAMES = 3, 5
-main(sys.argv[1:])
-"""
 KILLED = """
 import os, signal, sys
 from residual_mpc.checkpoint import Checkpoint
@@ -43,7 +37,7 @@ LATE = {"command_delay": {"delay": 0.08}}
 
 def call(folder: Path, *words: str, steps: int = 0) -> subprocess.CompletedProcess[str]:
     """The command, with short films; killed as soon as so many steps of it are finished."""
-    program = ["-c", KILLED, str(steps)] if steps else ["-c", SHORT]
+    program = ["-c", KILLED, str(steps)] if steps else ["-c", PROGRAM]
     return subprocess.run([sys.executable, *program, *words], cwd=folder, capture_output=True, text=True, check=False)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from oracles.rover_log import ROBOT, rover_run, write_run
+from short_films import PROGRAM
 
 from residual_mpc.batch.jobs import Job, jobs_in
 from residual_mpc.batch.run import BatchSettings, _state, run_batch
@@ -39,34 +40,25 @@ def fleet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     yield tmp_path
 
 
-SHORT = """
-import sys
-from residual_mpc.cli.main import main
-from residual_mpc.report.motion import film
-film.FRAMES, film.LONG_FRAMES = 3, 5
-main(sys.argv[1:])
-"""
-
-
 def test_each_robot_is_diagnosed_by_itself_and_a_bad_one_fails_alone(
     fleet: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    short = [sys.executable, "-c", SHORT, "diagnose"]  # with short films, which take most of the time
+    short = [sys.executable, "-c", PROGRAM, "diagnose"]  # with short films, which take most of the time
     monkeypatch.setattr("residual_mpc.batch.run.program", lambda *_: short)
     (fleet / "torn").mkdir()
     (fleet / "torn" / "r0.csv").write_text("t,nothing\n")
-    arguments = ("b", "own", "torn", "--robot", "rover.toml", "--out", "out", "--options", ONLY, "--jobs", "1")
+    arguments = ("a", "b", "own", "torn", "--robot", "rover.toml", "--out", "out", "--options", ONLY, "--jobs", "1")
     assert call(*arguments) == 2
     printed = capsys.readouterr()
     assert printed.out.splitlines()[0].split()[:2] == ["b", "effects"]  # the largest gap first
     assert "track_width" in printed.out and "torn  failed" in printed.err
     page = (fleet / "out" / "index.html").read_text()
-    assert all(f'href="{name}/report.html"' in page for name in ("b", "own"))
+    assert all(f'href="{name}/report.html"' in page for name in ("a", "b", "own"))
     assert not (fleet / "out" / "torn").exists()
     assert call(*arguments, "--json") == 2
     results = {r["name"]: r for r in json.loads(capsys.readouterr().out)["batch"]["results"]}
-    assert [results[n]["verdict"] for n in ("b", "own", "torn")] == ["effects", "no_gap", None]
-    assert {n: r["resumed"] for n, r in results.items()} == {"b": True, "own": True, "torn": False}
+    assert [results[n]["verdict"] for n in ("a", "b", "own", "torn")] == ["no_gap", "effects", "no_gap", None]
+    assert {n: r["resumed"] for n, r in results.items()} == {"a": True, "b": True, "own": True, "torn": False}
 
 
 @pytest.mark.slow

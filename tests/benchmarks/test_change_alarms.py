@@ -24,8 +24,8 @@ def untouched(of_runs: float, rng: np.random.Generator) -> Untouched:
 
 def test_divisions_of_untouched_runs_are_alarms_at_the_level() -> None:
     rng = np.random.default_rng(1)
-    p = np.array([division(untouched(2.0, rng), rng) for _ in range(40)])
-    assert (p <= 0.1).mean() <= 0.1 + 2.0 * np.sqrt(0.1 * 0.9 / 40)
+    p = np.array([division(untouched(2.0, rng), rng) for _ in range(60)])
+    assert (p <= 0.1).mean() <= 0.1 + 2.0 * np.sqrt(0.1 * 0.9 / 60)
     assert len(np.unique(p)) > 20
 
 

@@ -64,7 +64,7 @@ def test_more_than_half_of_a_clear_rise_is_not_explained_however_the_rest_scatte
 
 
 def test_a_gap_that_stays_far_from_that_before_is_not_explained_by_half_of_the_rise() -> None:
-    """Diverging predictions scatter so much that neither the increase nor what is left of it is significant."""
+    """Where predictions diverge, they scatter too much for the rise of the gap, or what remains, to be significant."""
     scattered = GapRise(0.28, 0.16, risen_error=0.2, left_error=0.2)
     assert share_of(scattered) == 0.0
     assert share_of(scattered, 0.3, 0.2) == pytest.approx(0.16 / 0.28)

@@ -25,7 +25,7 @@ NUMBER = units_of(DATA, LATER, ContrastSettings())
 UNITS = build_units(NUMBER, LATER[DATA.run], DATA.run, np.zeros((DATA.count, 0)))
 COLUMNS = dict(zip((SCALE, GAIN), np.random.default_rng(5).standard_normal((2, DATA.count, SAMPLES)), strict=True))
 START = {SCALE: 1.0, GAIN: 1.0}
-DRAWS = 200
+DRAWS = 400
 
 
 def fit_at(problem: Any, values: Values) -> Fit:

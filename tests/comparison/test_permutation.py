@@ -13,7 +13,7 @@ from residual_mpc.comparison.settings import ContrastSettings
 from residual_mpc.comparison.units import Units
 
 SETTINGS = replace(ContrastSettings(), lots=300)
-DRAWS = 100
+DRAWS = 150
 
 
 def units(runs: int, each: int, conditions: np.ndarray | None = None) -> Units:

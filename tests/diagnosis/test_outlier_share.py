@@ -7,7 +7,7 @@ import pytest
 
 from residual_mpc.diagnosis.data.outlier_share import expected_jumps
 from residual_mpc.diagnosis.data.signals import Signal
-from residual_mpc.logs.signals import spikes
+from residual_mpc.logs.jumps import spikes
 
 SIGMA, SAMPLES = 0.02, 6000
 CHANNEL = "position.j1"

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from oracles.rover_log import ROBOT, rover_run, write_run
+from short_films import PROGRAM
 
 from residual_mpc.effects.contract import EffectBroken, check_effect
 from residual_mpc.effects.effect import Effect, Parameter
@@ -50,15 +51,6 @@ def install(
     return {**os.environ, "PYTHONPATH": str(folder), "OMP_NUM_THREADS": "1"}
 
 
-SHORT = """
-import sys
-from residual_mpc.cli.main import main
-from residual_mpc.report.motion import film
-film.FRAMES, film.LONG_FRAMES = 3, 5
-main(sys.argv[1:])
-"""
-
-
 def call(
     environment: dict[str, str], *arguments: object, program: tuple[str, ...] = ("-m", "residual_mpc.cli.main")
 ) -> subprocess.CompletedProcess[str]:
@@ -79,7 +71,7 @@ def test_it_is_named_with_its_number(tmp_path: Path) -> None:
     file = write_run(replace(run, columns=columns), logs)
     arguments = ("--robot", logs / "robot.toml", file, "--out", logs / "out")
     only = ("--only", "soft_command,actuator_gain,track_width,actuator_lag")
-    done = call(environment, "diagnose", *arguments, *only, program=("-c", SHORT))
+    done = call(environment, "diagnose", *arguments, *only, program=("-c", PROGRAM))
     assert done.returncode == 0, done.stderr
     document = json.loads((logs / "out" / "diagnosis.json").read_text())
     (cause,) = document["explanation"]

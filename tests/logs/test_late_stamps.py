@@ -9,8 +9,9 @@ import pytest
 from run_tables import ARM, arm_run
 
 from residual_mpc.logs.audit import audit
+from residual_mpc.logs.jumps import spikes
 from residual_mpc.logs.run import FloatArray, Run
-from residual_mpc.logs.signals import noise_sigma, spikes
+from residual_mpc.logs.signals import noise_sigma
 
 SIGMA = 3e-4  # rad
 

@@ -15,9 +15,10 @@ from run_tables import ROBOT, WHEELS, table, write_csv
 
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.audit import audit
+from residual_mpc.logs.jumps import spikes
 from residual_mpc.logs.readers.read import read_runs
 from residual_mpc.logs.run import held
-from residual_mpc.logs.signals import fresh_samples, noise_sigma, resolution, spikes, unwrap_with_gaps
+from residual_mpc.logs.signals import fresh_samples, noise_sigma, resolution, unwrap_with_gaps
 from residual_mpc.models.robot_file import RobotFile
 
 CELLS = (

@@ -20,7 +20,7 @@ from residual_mpc.models.robot_file import RobotFile
 
 ROBOT = RobotFile("rover", "diff_drive", parameters={"wheel_radius": 0.1, "track_width": 0.5})
 ODD: tuple[float, ...] = (0.0, 1e300, -1e9, float("nan"), float("inf"))
-MUTANTS = 30  # of each format
+MUTANTS = 60  # of each format
 
 
 def messages(rng: np.random.Generator, rows: int = 40, odd: float = 0.0) -> list[Any]:

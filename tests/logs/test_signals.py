@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from residual_mpc.logs.jumps import spikes
 from residual_mpc.logs.run import FloatArray
-from residual_mpc.logs.signals import fresh_samples, noise_sigma, resolution, spikes, unwrap_with_gaps
+from residual_mpc.logs.signals import fresh_samples, noise_sigma, resolution, unwrap_with_gaps
 
 T = 0.02 * np.arange(4000)
 MOTIONS = {

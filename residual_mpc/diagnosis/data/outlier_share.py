@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from residual_mpc.diagnosis.data.signals import Signal
-from residual_mpc.logs.signals import spikes
+from residual_mpc.logs.jumps import spikes
 
 Key = tuple[int, str]  # run and channel
 Jumps = dict[Key, np.ndarray]

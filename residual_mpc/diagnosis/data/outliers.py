@@ -12,7 +12,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import POSITION_LIKE, Dataset
 from residual_mpc.diagnosis.data.settings import DataSettings, OutlierSettings
-from residual_mpc.logs.signals import spikes
+from residual_mpc.logs.jumps import spikes
 
 
 @dataclass(frozen=True)

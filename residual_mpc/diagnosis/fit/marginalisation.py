@@ -40,11 +40,14 @@ def carrying(
     *,
     settings: FitSettings,
 ) -> Problem:
-    """The problem with the columns of its tolerances measured at these values, not yet marginalised; none of `free`.
+    """The problem with the columns of its tolerances measured at these values, not yet marginalised; none of `free`. It
+    has none at all where the settings marginalise nothing.
 
     by: predictions on the same windows that differ from the problem's in their steps alone, None for the problem's.
     What the model's own time step lacks is one of them: it is a small difference like the others. Columns that were
     measured at nearly the same values before are taken over: they hardly change."""
+    if not settings.predict.tolerances.marginalised:
+        return tolerating(problem, None)
     known = problem.replays.carried
     reusable = by is None and not free
     if reusable and known and known[-1].near(problem.space, values, settings.predict.tolerances.near):

@@ -17,9 +17,9 @@ from dataclasses import replace
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
-from residual_mpc.diagnosis.data.fresh import fresh_in_windows
 from residual_mpc.diagnosis.data.gap import Scales, gap_of, window_trust
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise, ornstein_uhlenbeck
+from residual_mpc.diagnosis.data.window_samples import fresh_in_windows
 from residual_mpc.diagnosis.fit.cross_validation import folds_of
 from residual_mpc.diagnosis.fit.noise_envelope import difference_bounds, fit_envelope
 from residual_mpc.diagnosis.fit.noise_evenness import as_even_as_noise

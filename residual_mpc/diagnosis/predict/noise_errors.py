@@ -6,6 +6,7 @@ from residual_mpc.diagnosis.data.dataset import Block, Dataset
 from residual_mpc.diagnosis.data.local_fit import REACH, local_fit
 from residual_mpc.diagnosis.data.noise_model import draw_coloured
 from residual_mpc.diagnosis.data.signals import Signal
+from residual_mpc.diagnosis.data.window_samples import in_windows
 from residual_mpc.diagnosis.predict.replay import earliest, memory_of, predict_moved, run_up
 from residual_mpc.effects.effect import Quantity
 from residual_mpc.effects.library import changes
@@ -33,15 +34,7 @@ def noise_errors(
     for d in range(draws):
         noise = {key: draw_noise(data, key[1], s, fresh[key], rng) for key, s in data.signals.items()}
         starts.append({c: e + bias.get(c, 0.0) for c, e in start_errors(data, settings, noise).items()})
-        seen = np.full(data.y.shape, np.nan)
-        for (i, c), n in noise.items():
-            k = data.channels.index(c)
-            t = data.signals[i, c].t
-            for w in np.flatnonzero(data.run == i):
-                good = np.isfinite(data.y[w, :, k])
-                at = np.searchsorted(t, data.t[w, good] + data.start[w] - 1e-9)
-                seen[w, good, k] = n[np.minimum(at, len(n) - 1)]
-        out[d] = seen
+        out[d] = in_windows(data, noise)
     for a in range(0, draws, TOGETHER):
         clean, *moved = predict_moved(data, settings, [{}, *starts[a : a + TOGETHER]])
         for d, one in enumerate(moved, a):

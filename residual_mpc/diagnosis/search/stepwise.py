@@ -81,13 +81,13 @@ def stepwise_search(
     if start is not None and len(start) > len(base_values):
         known = fit_all(problem, [start], 0, settings=settings.fit)[0]
         beam = refit(judge(problem, known, noise, scales, settings=settings), [known], settings=settings)
-    small = settings.fit.predict.tolerances.marginalised
-    forward = Forward(problem, ruler, base, noise, blocks, report, suggest, settings, small, accepted)
+    forward = Forward(problem, ruler, base, noise, blocks, report, suggest, settings, accepted=accepted)
     beam, steps, met = forward.go_on(beam, [])
     # what closes a good part of what is left is better than nothing. Where that is little, small differences of
     # everything may take up what one effect does
     much = forward.much_left(beam[0])
-    if small and (much or forward.ruler_about(beam[0]).visible(beam[0], settings)):
+    marginalised = settings.fit.predict.tolerances.marginalised
+    if marginalised and (much or forward.ruler_about(beam[0]).visible(beam[0], settings)):
         unmarginalised = replace(forward, settings=settings.without_tolerances(), small_differences=False)
         further_beam, further, seen_there = unmarginalised.from_both(beam[0], steps)
         if further != steps and (much or forward.far_smaller(further_beam[0], beam[0])):
@@ -100,8 +100,7 @@ def stepwise_search(
         last = prune(closer, forward.ruler_at(closer), last, base, noise, blocks, settings, thorough=True)
     problem = about(problem, last.values, settings=settings.predict)
     ruler = forward.ruler_at(problem)
-    last_problem = carrying(problem, last.values, settings=settings.fit) if small else problem
-    here = judge(last_problem, last, noise, scales, settings=settings)
+    here = judge(carrying(problem, last.values, settings=settings.fit), last, noise, scales, settings=settings)
     current, base = refit(here, [last, base], settings=settings)
     sigma = 1.0 / judge(problem, current, noise, scales, settings=settings).weight
     chosen = makeup(current.values)

@@ -8,8 +8,9 @@ import numpy as np
 
 from residual_mpc.logs.audit.facts import RobotFacts
 from residual_mpc.logs.finding import Finding
+from residual_mpc.logs.jumps import Jumps, find_jumps
 from residual_mpc.logs.run import Run
-from residual_mpc.logs.signals import Jumps, continuous, find_jumps, noise_sigma
+from residual_mpc.logs.signals import continuous, noise_sigma
 
 MANY_SPIKES = 0.005  # share of the samples of all runs
 FEW_LATE = 5  # late stamps, and their share of a run's samples, below which nothing is said

@@ -79,7 +79,7 @@ def tree(rng: np.random.Generator, bodies: int, coupled: bool = False) -> str:
     )
 
 
-@settings(max_examples=10, deadline=None, derandomize=True)
+@settings(max_examples=25, deadline=None, derandomize=True)
 @given(
     st.integers(0, 10**6), st.integers(1, 7), st.booleans(), st.booleans(),
     st.sampled_from(["implicitfast", "Euler", "RK4"]), st.booleans(),
