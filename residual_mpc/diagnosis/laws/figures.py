@@ -7,9 +7,11 @@ import numpy as np
 
 from residual_mpc.diagnosis.fit.evidence import T95
 from residual_mpc.diagnosis.predict.space import Space
+from residual_mpc.effects.body import COULOMB
 from residual_mpc.effects.laws import LawKind, kind_of, points_of
+from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models import optional
-from residual_mpc.models.settings import Knob, Term, Values
+from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 NEAR = 1e-6  # of a typical size, for difference quotients
 CHOSEN = ("cycles", "at", "from", "to")
@@ -87,10 +89,35 @@ def fitted_law(
         for name, v, h in zip(names, found[n:], half[n:], strict=True)
     }
     level, wide = found[:n], half[:n]
-    return FittedLaw(
-        kind.of, words_of(space, term), form, _tuple(knots), _tuple(level), _tuple(level - wide), _tuple(level + wide),
-        unit, on_unit, closed,
-    )  # fmt: skip
+    points = (knots, level, level - wide, level + wide)
+    least = _least_friction(space, term, values) if kind.of == "friction" else -np.inf
+    if level.min() < least:  # a value below it acts like it
+        points, form, closed = _no_less_than(least, *points), "curve", {}
+    z, middle, low, high = map(_tuple, points)
+    return FittedLaw(kind.of, words_of(space, term), form, z, middle, low, high, unit, on_unit, closed)
+
+
+def _least_friction(space: Space, term: Term, values: Values) -> float:
+    """N m (N), at which a law of dry friction takes away all friction that the model and a named constant friction give
+    its joint; minus infinity where a named friction varies with the motion."""
+    terms = {k.term for k in values if k.effect != TUNE and k.target in (None, term.target)}
+    if any(BY_NAME[t.effect].place == "friction" for t in terms):
+        return -np.inf
+    constant = [Knob(COULOMB.name, target, "torque") for target in (None, term.target)]
+    modelled = -space.bounds(constant[1])[0]
+    return -(modelled + sum(values.get(k, 0.0) for k in constant))
+
+
+def _no_less_than(
+    least: float, knots: np.ndarray, level: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The points of a curve and its band held at `least` or above, with further points where the curve crosses it."""
+    i = np.flatnonzero((level[:-1] < least) != (level[1:] < least))
+    share = (least - level[i]) / (level[i + 1] - level[i])
+    z = np.concatenate([knots, knots[i] + share * np.diff(knots)[i]])
+    order = np.argsort(z)
+    held = (np.maximum(np.interp(z[order], knots, y), least) for y in (level, low, high))
+    return (z[order], *held)
 
 
 def words_of(space: Space, term: Term) -> str:
