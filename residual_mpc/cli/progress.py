@@ -33,11 +33,13 @@ class Pace:
     def __init__(self, timed: bool) -> None:
         self._start, self._began, self._share, self._told = monotonic(), 0.0, 0.0, timed
 
-    def reach(self, share: float) -> None:
-        """Take note of the share of the total time that has passed."""
-        if share != self._share:
+    def reach(self, share: float) -> float:
+        """Take note of the share of the total time that has passed, and return the largest so far: work that has to
+        begin again does not take back what is behind."""
+        if share > self._share:
             self._began, self._share = monotonic() - self._start, share
             self._told = self._told and not (self._began < SOON and share > JUMP)
+        return self._share
 
     def words(self) -> str:
         """How long the rest takes, empty where that is not known."""
@@ -90,8 +92,7 @@ def _bar(pace: Pace) -> Iterator[Progress]:
         task = bar.add_task("starting", total=1.0)
 
         def report(stage: str, done: float) -> None:
-            pace.reach(done)
-            bar.update(task, description=stage, completed=done)
+            bar.update(task, description=stage, completed=pace.reach(done))
 
         yield Progress(report, lambda line: bar.console.print(line, markup=False, highlight=False))
 
@@ -105,7 +106,7 @@ def _lines(quiet: float, pace: Pace) -> Iterator[Progress]:
     def report(now: str, done: float) -> None:
         nonlocal stage, share, since
         with lock:
-            pace.reach(done)
+            done = pace.reach(done)
             if now != stage:
                 since = monotonic()
                 click.echo(", ".join(x for x in (f"[{done:4.0%}] {now}", pace.words()) if x), err=True)

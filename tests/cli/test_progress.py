@@ -69,6 +69,25 @@ def test_only_shares_of_the_time_tell_the_time_left(monkeypatch: pytest.MonkeyPa
     assert [pace.words() for pace in paces] == ["about 40 s left", ""]
 
 
+def test_a_search_that_begins_again_takes_back_no_share(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The time left would go from minutes to hours."""
+    clock = [0.0]
+    monkeypatch.setattr("residual_mpc.cli.progress.monotonic", lambda: clock[0])
+    pace = Pace(timed=True)
+    for now, share in ((10.0, 0.05), (60.0, 0.3), (70.0, 0.08)):
+        clock[0] = now
+        reached = pace.reach(share)
+    assert reached == 0.3
+    assert pace.words() == words_left(60.0 * 0.7 / 0.3 - 10.0) == "about 2 min left"
+
+
+def test_the_bar_of_a_search_that_begins_again_does_not_fall(capsys: pytest.CaptureFixture[str]) -> None:
+    with progress_bar() as progress:
+        for stage, done in (("searching", 0.3), ("searching, from the beginning", 0.1)):
+            progress(stage, done)
+    assert capsys.readouterr().err == "[ 30%] searching\n[ 30%] searching, from the beginning\n"
+
+
 def test_a_stage_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
     with progress_bar() as progress:
         for done in (0.1, 0.2, 0.3):

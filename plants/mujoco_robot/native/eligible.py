@@ -149,15 +149,31 @@ def _tried(model: mujoco.MjModel, rubs: bool, stops: bool, rubbing: tuple[int, .
         most = np.maximum(model.dof_M0, 1e-6) * rng.uniform(0.0, 5.0, model.nv)
         tried.dof_frictionloss[:] = np.maximum(model.dof_frictionloss, most)
     if model.ntendon:
-        damping = model.dof_M0.min() * rng.uniform(0.0, 5.0, model.ntendon)
+        carried = _carried(model)
+        damping = carried * rng.uniform(0.0, 5.0, model.ntendon)
         tried.tendon_damping[:] = np.maximum(model.tendon_damping, damping)
-    for t in rubbing:
-        tried.tendon_frictionloss[t] = model.dof_M0.min() * rng.uniform(1.0, 5.0)
+        for t in rubbing:
+            tried.tendon_frictionloss[t] = carried[t] * rng.uniform(1.0, 5.0)
     if stops:
         free = model.jnt_limited == 0
         tried.jnt_range[free] = model.qpos0[free, None] + np.array([-0.5, 0.5])
         tried.jnt_limited[:] = 1
     return tried
+
+
+def _carried(model: mujoco.MjModel) -> np.ndarray:
+    """(ntendon,) kg m^2 (kg), the inertia against which each tendon, a sum of joint positions, pulls at the model's own
+    position: 1 / (J M^-1 J^T). That of a light link behind a gear is far below its joint's dof_M0."""
+    import mujoco
+
+    data, mass = mujoco.MjData(model), np.zeros((model.nv, model.nv))
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, mass)
+    pulls = np.zeros((model.ntendon, model.nv))
+    for t, (begin, count) in enumerate(zip(model.tendon_adr, model.tendon_num, strict=True)):
+        wraps = slice(begin, begin + count)
+        pulls[t, model.jnt_dofadr[model.wrap_objid[wraps]]] = model.wrap_prm[wraps]
+    return np.asarray(1.0 / np.einsum("ti,it->t", pulls, np.linalg.solve(mass, pulls.T)))
 
 
 def _compared(model: mujoco.MjModel, program: Compiled, scale: float, saturating: bool) -> bool | None:

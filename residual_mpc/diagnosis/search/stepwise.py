@@ -171,7 +171,8 @@ class Forward:
         further = self.go_on([found], steps)
         if not found.terms:
             return further
-        anew = self.go_on([self.base], [])
+        again = replace(self, report=lambda text, done: self.report(f"{text}, from the beginning", done))
+        anew = again.go_on([self.base], [])
         return anew if self.far_smaller(anew[0][0], further[0][0]) else further
 
     def go_on(self, beam: list[Fit], steps: list[Step]) -> tuple[list[Fit], list[Step], list[Fit]]:
