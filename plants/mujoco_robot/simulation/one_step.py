@@ -17,7 +17,8 @@ from residual_mpc.effects.ops import NUMPY
 @dataclass(frozen=True, eq=False)
 class OneStep:
     """between: see between_steps. servos: see feedback. errors: what acts on position servos' errors, see on_errors.
-    integrals: what their integral parts add, None where none has one. dt: s, of the robot's step."""
+    integrals: what their integral parts add, None where none has one. dt: s, of the robot's step. rows: the numbers of
+    the rows that move, None for all."""
 
     batch: Any
     robot: CompiledRobot
@@ -26,6 +27,7 @@ class OneStep:
     errors: Sequence[tuple[Effect, Values]]
     dt: float
     integrals: ServoIntegrals | None = None
+    rows: np.ndarray | None = None
 
     @cached_property
     def _state(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -59,4 +61,4 @@ class OneStep:
                 update(k, speed, force)
         if self.servos is not None:
             self.servos.correct(ctrl, robot, q, v)
-        batch.step(nstep=robot.substeps)
+        batch.step(self.rows, nstep=robot.substeps)

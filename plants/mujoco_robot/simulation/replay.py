@@ -217,7 +217,9 @@ def _changing(
     rolled = replay_natively(batch, robot, settings, drive, u, base, integrals, servos, records)
     stepped: dict[str, np.ndarray] = {}
     if rolled is None or not rolled.exact.all():
-        step = OneStep(batch, robot, between, servos, on_errors(settings.effects, robot.servo), drive.dt, integrals)
+        left = None if rolled is None else np.flatnonzero(~rolled.exact)
+        errors = on_errors(settings.effects, robot.servo)
+        step = OneStep(batch, robot, between, servos, errors, drive.dt, integrals, left)
         stepped = _step_by_step(step, u, wanted)
     if rolled is None:
         return stepped

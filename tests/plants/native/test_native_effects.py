@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -12,10 +13,12 @@ from oracles.arms import SERVOS, arm_xml, random_drive, random_start, robot_of
 
 from plants.mujoco_robot import MujocoRobot
 from plants.mujoco_robot.native.arms import native_arm
+from plants.mujoco_robot.native.compiled import compiled
 from plants.mujoco_robot.simulation import compiled_steps, gear_start, replay
+from plants.mujoco_robot.simulation.one_step import OneStep
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.laws import curve_shape, kind_of
-from residual_mpc.effects.library import HOSTED
+from residual_mpc.effects.library import BY_NAME, HOSTED
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
 
@@ -239,3 +242,29 @@ def test_the_commands_before_a_window_lead_to_the_same_start(tmp_path: Path, fee
         for a, b in zip(natively, by_mujoco, strict=True):
             assert np.abs(b).max() < 30.0  # rad, rad/s: nothing has swung up
             np.testing.assert_allclose(a, b, rtol=0, atol=1e-8)
+
+
+def test_mujoco_steps_those_rows_alone_that_a_program_leaves(tmp_path: Path) -> None:
+    """Programs whose search for sticking joints is cut short leave some rows; each row is still MuJoCo's."""
+    robot = arm(tmp_path)
+    rng, effect = np.random.default_rng(3), BY_NAME["stribeck_friction"]
+    drive = replace(random_drive(robot, ROWS, STEPS), clock=rng.uniform(0.0, 20.0, ROWS))
+    left: list[np.ndarray | None] = []
+
+    def counted(*args: Any) -> OneStep:
+        step = OneStep(*args)
+        left.append(step.rows)
+        return step
+
+    compiled.cache_clear()
+    try:
+        with (
+            patch("plants.mujoco_robot.native.step.MOST", 2),
+            patch("plants.mujoco_robot.native.arms.agrees", lambda *_: True),
+            patch.object(replay, "OneStep", counted),
+        ):
+            assert_same(robot, drive, Settings(ROWS, {effect.name: numbers(robot, effect, rng)}))
+    finally:
+        compiled.cache_clear()
+    some = [rows for rows in left if rows is not None]
+    assert some and all(0 < len(rows) < ROWS for rows in some)
