@@ -73,13 +73,13 @@ def _line(robot: Any, name: str, rows: int, steps: int, turns: int) -> str:
 def _made(model: Any) -> tuple[float, float, float]:
     """s: the text of the model's program, its translation, and that with optimisation."""
     from plants.mujoco_robot.native.arm import chain_of
-    from plants.mujoco_robot.native.compiled import engine_of, text_of
+    from plants.mujoco_robot.native.compiled import NAME, engine_of, text_of
 
     times = [process_time()]
     text = text_of(chain_of(model, bool((model.dof_frictionloss > 0.0).any()), bool(model.jnt_limited.any())))
     times.append(process_time())
     for level in (0, 1):
-        engine_of(text, level)
+        engine_of(text, level, NAME)
         times.append(process_time())
     first, second, third = (b - a for a, b in zip(times, times[1:], strict=False))
     return first, second, third

@@ -14,10 +14,10 @@ from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
-from residual_mpc.diagnosis.search.acceptance import build_ruler
+from residual_mpc.diagnosis.search.acceptance import Ruler, build_ruler
 from residual_mpc.diagnosis.search.beam import leaving_far_less
 from residual_mpc.diagnosis.search.settings import SearchSettings
-from residual_mpc.diagnosis.search.stepwise import Forward, Step
+from residual_mpc.diagnosis.search.stepwise import Forward, Step, stepwise_search
 from residual_mpc.models.settings import Knob, Values
 
 LAG, TRACK = Knob("actuator_lag", None, "time_constant"), Knob("track_width", None, "scale")
@@ -52,13 +52,13 @@ def test_the_way_that_leaves_far_less_is_taken(monkeypatch: pytest.MonkeyPatch, 
         return ([beam[0]], taken, []) if stuck else ([both], [*taken, Step(both.terms, 0.9, 0.1)], [])
 
     monkeypatch.setattr(Forward, "go_on", go_on)
-    beam, way, _ = forward.from_both(wrong, steps)
+    beam, way, _ = forward.further(wrong, steps, anew=True)
     assert beam[0] is (right if stuck else both)
     assert way[0].terms == (right.terms if stuck else wrong.terms)
 
 
-def test_a_search_from_nothing_goes_one_way(monkeypatch: pytest.MonkeyPatch) -> None:
-    forward, _ = begun()
+def test_a_search_that_does_not_begin_anew_goes_one_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    forward, wrong = begun()
     starts = []
 
     def go_on(self: Forward, beam: list[Fit], taken: list[Step]) -> tuple[list[Fit], list[Step], list[Fit]]:
@@ -66,8 +66,32 @@ def test_a_search_from_nothing_goes_one_way(monkeypatch: pytest.MonkeyPatch) -> 
         return beam, taken, []
 
     monkeypatch.setattr(Forward, "go_on", go_on)
-    forward.from_both(forward.base, [])
-    assert len(starts) == 1
+    forward.further(wrong, [], anew=False)
+    assert starts == [wrong]
+
+
+@pytest.mark.parametrize("allowed", [True, False])
+def test_a_search_says_whether_it_began_anew(monkeypatch: pytest.MonkeyPatch, allowed: bool) -> None:
+    forward, wrong = begun()
+    asked = []
+
+    def further(self: Forward, found: Fit, steps: list[Step], anew: bool) -> tuple[list[Fit], list[Step], list[Fit]]:
+        asked.append(anew)
+        return [found], steps, []
+
+    monkeypatch.setattr(Ruler, "visible", lambda *_: True)
+    monkeypatch.setattr(Forward, "further", further)
+    rng = np.random.default_rng(0)
+    found = stepwise_search(forward.problem, forward.ruler.scales, SETTINGS, rng, start=wrong.values, anew=allowed)
+    assert found.fit.terms and asked == [allowed] and found.anew == allowed
+
+
+def test_a_search_from_nothing_has_begun_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    forward, _ = begun()
+    monkeypatch.setattr(Ruler, "visible", lambda *_: True)
+    monkeypatch.setattr(Forward, "go_on", lambda self, beam, steps: (beam, steps, []))
+    found = stepwise_search(forward.problem, forward.ruler.scales, SETTINGS, np.random.default_rng(0))
+    assert not found.fit.terms and not found.anew
 
 
 def test_sets_that_leave_far_less_come_first() -> None:

@@ -155,7 +155,7 @@ def _compiles() -> bool:
     from plants.mujoco_robot.native.compiled import engine_of
 
     try:
-        engine_of(Program().text("nothing", []), 0)
+        engine_of(Program().text("nothing", []), 0, "nothing")
     except (ImportError, OSError, RuntimeError) as error:
         LOG.info("arms are replayed by MuJoCo, many times more slowly: %s", error)
         return False

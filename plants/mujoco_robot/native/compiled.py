@@ -51,9 +51,9 @@ class Compiled:
     """
 
     def __init__(self, chain: Chain, changing: Changing | None = None) -> None:
-        self._text = text_of(chain, changing)
+        self._of = chain, changing
         started = perf_counter()
-        self._roll = _function(self._text, 0)
+        self._roll = _function(text_of(*self._of), 0)
         self._worth = OPTIMISING / SAVED * (perf_counter() - started)  # s of running, after which it is optimised
         self._spent, self._better = 0.0, False  # s that it has run, and whether it was optimised
 
@@ -66,12 +66,13 @@ class Compiled:
         sizes_of_rows = steps * sent, (steps + 1) * n, (steps + 1) * nu
         assert all(a.dtype == np.float64 and a.flags.c_contiguous for a in arrays)
         if not self._better and self._spent > self._worth:
-            self._roll, self._better = _function(self._text, 1), True
+            self._roll, self._better = _function(text_of(*self._of), 1), True
         started = perf_counter()
         self._roll(*places, len(on.state), end - begin, each, *sizes_of_rows)
         self._spent += perf_counter() - started
 
 
+NAME = "roll"  # of a program's function
 ARRAYS = ("numbers", "state", "controls", "positions", "velocities", "outputs", "forces", "failed")
 COUNTS = ("blocks", "steps", "each", "sent", "node", "output")  # the last three: the sizes of a row
 
@@ -118,7 +119,7 @@ def text_of(chain: Chain, changing: Changing | None = None) -> str:
         p.loop("%steps", one)
 
     p.loop("%blocks", block)
-    return p.text("roll", [*(f"ptr noalias %{a}" for a in ARRAYS), *(f"i64 %{c}" for c in COUNTS)])
+    return p.text(NAME, [*(f"ptr noalias %{a}" for a in ARRAYS), *(f"i64 %{c}" for c in COUNTS)])
 
 
 @lru_cache(maxsize=PROGRAMS)
@@ -128,15 +129,17 @@ def compiled(chain: Chain, changing: Changing | None = None) -> Compiled:
 
 
 def _function(text: str, level: int) -> Any:
-    engine = engine_of(text, level)
-    function = CFUNCTYPE(None, *[c_void_p] * len(ARRAYS), *[c_int64] * len(COUNTS))(engine.get_function_address("roll"))
+    engine, address = engine_of(text, level, NAME)
+    function = CFUNCTYPE(None, *[c_void_p] * len(ARRAYS), *[c_int64] * len(COUNTS))(address)
     function.engine = engine  # type: ignore[attr-defined]  # which owns the code
     return function
 
 
-def engine_of(text: str, level: int) -> Any:
-    """A module in machine code for this processor. level: of the translation; 0 takes a quarter of the time of 1, and
-    its code two to three times as long. Passes over the text would cost more than they save, and fuse operations."""
+def engine_of(text: str, level: int, name: str) -> tuple[Any, int]:
+    """What owns a module's machine code for this processor, and the address of its function of that name.
+
+    level: of the translation; 0 takes a quarter of the time of 1, and its code two to three times as long. Passes over
+    the text would cost more than they save, and fuse operations."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
@@ -152,4 +155,7 @@ def engine_of(text: str, level: int) -> Any:
     module.verify()
     engine = llvm.create_mcjit_compiler(module, machine)
     engine.finalize_object()
-    return engine
+    address = int(engine.get_function_address(name))
+    engine.remove_module(module)  # as large as its machine code, which stays
+    module.close()
+    return engine, address

@@ -13,6 +13,7 @@ from residual_mpc.models.settings import Settings
 
 NUDGE = 1e-4  # rad
 SOLVES = 12  # Newton steps at most
+LEADS = 0.1  # of the last step's error, below which the slope that led there is kept
 SOLVED = 1e-6  # rad, a step after which no other is needed
 HELD = 1e-9  # rad, within which a command counts as the same
 WARM = 0.6  # s of commands before a window, replayed to know how motor and link swing against each other
@@ -126,25 +127,29 @@ def settle(
         q[:, gears.places] = ahead
         q[:, motor] = measured - ahead if robot.position_sensor == "link" else measured
 
-    def apart(ahead: np.ndarray) -> np.ndarray:
-        """(B, g) rad/s^2 at which the link leaves the motor, of the rows that are not solved."""
+    def apart(ahead: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """(B, g) rad/s^2 at which the link leaves the motor, valid in some rows (B,) bool."""
         place(ahead)
         control[:] = command
         if servos is not None:
             servos.correct(control, robot, q, v)
-        batch.forward(np.flatnonzero(going))
+        batch.forward(np.flatnonzero(rows))
         return np.asarray(acceleration[:, gears.dofs]).copy()
 
     going = np.ones(len(half), dtype=bool)  # rows that are not solved: the steps of a row do not hang on the others
     ahead = np.zeros_like(half)
     low, high = np.full_like(half, -np.inf), np.full_like(half, np.inf)
     diagonal = np.arange(count)
+    slope, error = np.zeros((len(half), count, count)), np.zeros(len(half))
     for _ in range(SOLVES):
-        away = apart(ahead)
-        slope = np.stack([(apart(ahead + NUDGE * row) - away) / NUDGE for row in np.eye(count)], axis=-1)
-        # without a servo nothing pulls back
-        slope[:, diagonal, diagonal] = np.minimum(slope[:, diagonal, diagonal], -1.0)
+        away = apart(ahead, going)
         leaning = loose & (((ahead >= half) & (away > 0)) | ((ahead <= -half) & (away < 0)))
+        last, error = error, np.abs(np.where(leaning, 0.0, away)).max(axis=1)
+        if (anew := going & ~(error < LEADS * last)).any():
+            moved = np.stack([apart(ahead + NUDGE * row, anew) for row in np.eye(count)], axis=-1)
+            slope[anew] = (moved[anew] - away[anew, :, None]) / NUDGE
+            # without a servo nothing pulls back
+            slope[:, diagonal, diagonal] = np.minimum(slope[:, diagonal, diagonal], -1.0)
         system = np.where(leaning[:, :, None], np.eye(count), slope)
         step = np.linalg.solve(system, np.where(leaning, 0.0, away)[:, :, None])[:, :, 0]
         low, high = np.where(away > 0, ahead, low), np.where(away < 0, ahead, high)

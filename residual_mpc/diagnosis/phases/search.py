@@ -168,8 +168,8 @@ def search_headline(prepared: Prepared, rng: np.random.Generator, progress: Prog
     first = other_start(found, prepared.options.settings.search)
     if first is None:
         return found
-    begun, anew, search = rng.spawn(1)[0], _renamed(progress), prepared.options.settings.search
-    other = _on(prepared, *prepared.headline, None, begun, anew, accepted, first)
+    begun, renamed, search = rng.spawn(1)[0], _renamed(progress), prepared.options.settings.search
+    other = _on(prepared, *prepared.headline, None, begun, renamed, accepted, first, not found.anew)
     return found if other is None else better_everywhere(everywhere(prepared), prepared.scales, found, other, search)
 
 
@@ -245,9 +245,10 @@ def _on(
     report: Progress,
     accepted: Accepted,
     first: Term | None = None,
+    anew: bool = True,
 ) -> Found | None:
-    """The search on these windows, from what an earlier one found; first: the effect to begin with if nothing was. None
-    where that promises nothing."""
+    """The search on these windows, from what an earlier one found; first: the effect to begin with if nothing was;
+    anew: see `stepwise_search`. None where that promises nothing."""
     options, space, settings = prepared.options, prepared.space, prepared.options.settings
     # a small robot simulates faster, and a servo on the bench has few windows in all
     budget = int(options.search_steps * np.clip(6.0 / len(space.robot.states), 1.0, 5.0))
@@ -262,7 +263,7 @@ def _on(
         if first is not None and earlier is None:
             return None
         return stepwise_search(
-            problem, scales, settings.search, rng, report, earlier, bool(earlier), accepted, suggest=ripples
+            problem, scales, settings.search, rng, report, earlier, bool(earlier), accepted, ripples, anew
         )
     search = settings.search
     # what helps only together was looked for over the headline's horizon: too dear to ask a physics engine again

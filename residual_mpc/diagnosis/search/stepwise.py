@@ -36,7 +36,8 @@ class Step:
 class Found:
     """The chosen set on its final weights, its sub- and rival sets on the same weights, and the way there; met: the
     likeliest other sets that the last steps came across, as they were there; sigma (C,): standard deviations for fits
-    that know of no small differences."""
+    that know of no small differences; anew: whether the search also began with no effect again, as if there were no
+    small differences."""
 
     problem: Problem
     fit: Fit
@@ -46,6 +47,7 @@ class Found:
     steps: tuple[Step, ...]
     met: tuple[Fit, ...]
     sigma: np.ndarray
+    anew: bool = False
 
 
 # What else is worth a first look, by term: from a problem and a fit on it
@@ -68,10 +70,12 @@ def stepwise_search(
     questioned: bool = False,
     accepted: Accepted = unseen,
     suggest: Suggest = lambda problem, fit: {},
+    anew: bool = True,
 ) -> Found:
     """Search on the problem's windows. The problem's own weights are those of the pure sensor noise; start: the values
     to go on from, None for the model alone; questioned: whether its effects are tested again where nothing is added;
-    accepted: told each set that the search moves on to; suggest: the first looks at effects that have no probes."""
+    accepted: told each set that the search moves on to; suggest: the first looks at effects that have no probes;
+    anew: whether it may begin with no effect again where much is left."""
     noise = 1.0 / problem.weight
     blocks = blocks_of(problem.data, settings=settings.fit)
     base_values: Values = {k: problem.space.null(k) for k in problem.space.tunables}
@@ -86,10 +90,11 @@ def stepwise_search(
     # what closes a good part of what is left is better than nothing. Where that is little, small differences of
     # everything may take up what one effect does
     much = forward.much_left(beam[0])
-    marginalised = settings.fit.predict.tolerances.marginalised
+    marginalised, again = settings.fit.predict.tolerances.marginalised, False
     if marginalised and (much or forward.ruler_about(beam[0]).visible(beam[0], settings)):
         unmarginalised = replace(forward, settings=settings.without_tolerances(), small_differences=False)
-        further_beam, further, seen_there = unmarginalised.from_both(beam[0], steps)
+        again = anew and bool(beam[0].terms)
+        further_beam, further, seen_there = unmarginalised.further(beam[0], steps, again)
         if further != steps and (much or forward.far_smaller(further_beam[0], beam[0])):
             beam, met = further_beam, seen_there
             forward, settings, steps = unmarginalised, unmarginalised.settings, further
@@ -105,7 +110,7 @@ def stepwise_search(
     sigma = 1.0 / judge(problem, current, noise, scales, settings=settings).weight
     chosen = makeup(current.values)
     others_met = tuple(f for f in met if makeup(f.values) != chosen)[: settings.steps.met]
-    return Found(here, current, base, dispersion(current, blocks), ruler, tuple(steps), others_met, sigma)
+    return Found(here, current, base, dispersion(current, blocks), ruler, tuple(steps), others_met, sigma, again)
 
 
 @dataclass(frozen=True)
@@ -165,15 +170,15 @@ class Forward:
             return None
         return first(leaving_far_less(ruler, children, chosen[1], self.settings)) or chosen
 
-    def from_both(self, found: Fit, steps: list[Step]) -> tuple[list[Fit], list[Step], list[Fit]]:
-        """As `go_on` from what was found, or from nothing where that leads to a far smaller gap: what was found first
-        may have kept the search from the cause."""
+    def further(self, found: Fit, steps: list[Step], anew: bool) -> tuple[list[Fit], list[Step], list[Fit]]:
+        """As `go_on` from what was found. anew: or from nothing where that leads to a far smaller gap: what was found
+        first may have kept the search from the cause."""
         further = self.go_on([found], steps)
-        if not found.terms:
+        if not anew:
             return further
-        again = replace(self, report=lambda text, done: self.report(f"{text}, from the beginning", done))
-        anew = again.go_on([self.base], [])
-        return anew if self.far_smaller(anew[0][0], further[0][0]) else further
+        begun = replace(self, report=lambda text, done: self.report(f"{text}, from the beginning", done))
+        other = begun.go_on([self.base], [])
+        return other if self.far_smaller(other[0][0], further[0][0]) else further
 
     def go_on(self, beam: list[Fit], steps: list[Step]) -> tuple[list[Fit], list[Step], list[Fit]]:
         """Further steps until none is convincing; the beam at the end, the steps taken so far, and the sets that the
