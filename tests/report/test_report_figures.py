@@ -11,7 +11,7 @@ from residual_mpc.report import Panel, Windows
 from residual_mpc.report.evidence import collect
 from residual_mpc.report.evidence.held_out import held_out
 from residual_mpc.report.figures import inline as inline_module
-from residual_mpc.report.figures.curve import curve, ripple_curve
+from residual_mpc.report.figures.curve import curve, law_curve, ripple_curve
 from residual_mpc.report.figures.strips import PIECES, strips
 from residual_mpc.report.figures.traces import bridged, rms_error, traces
 
@@ -97,6 +97,23 @@ def test_a_panel_shows_windows_that_follow_each_other():
     assert collect._around(1, np.array([0, 1, 2, 3, 4, 5, 6]), data).tolist() == [1, 3, 6]
     long = SimpleNamespace(start=np.arange(30.0), horizon=1.0)
     assert collect._around(29, np.arange(30), long).tolist() == list(range(22, 30))
+
+
+def test_a_law_has_the_band_of_its_intervals(monkeypatch: pytest.MonkeyPatch):
+    """They end where a joint has no friction left, on one side alone."""
+    bands = []
+    monkeypatch.setattr(
+        "matplotlib.axes.Axes.fill_between", lambda self, x, low, high, **_: bands.append(np.array([x, low, high]))
+    )
+    points = {"knots": [0.0, 0.5, 1.0], "values": [-0.03, 0.8, -0.03]}
+    sides = {"values_ci95": [[-0.03, 0.7, -0.03], [-0.03, 0.9, 0.6]]}
+    law_curve(
+        {"of": "friction", "on": "the position of elbow", "form": "curve", "unit": "N m", "on_unit": "rad"}
+        | points | sides,
+        "law0",
+    )  # fmt: skip
+    expected = [[-0.15, 0.0, 0.5, 1.0, 1.15], [-0.03, -0.03, 0.7, -0.03, -0.03], [-0.03, -0.03, 0.9, 0.6, 0.6]]
+    assert bands[0] == pytest.approx(np.array(expected))
 
 
 def test_a_ripple_is_drawn_as_one_cycle():

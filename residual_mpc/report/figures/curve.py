@@ -20,13 +20,19 @@ POINTS = 25  # of a cycle
 
 def curve(dependence: Mapping[str, Any], what: str, name: str) -> "Markup":
     """One entry of `depends_on`. what: the component in words; `name` is unique on the page."""
-    from matplotlib.figure import Figure
-
     c = dependence["curve"]
     x, y, se = (np.asarray(c[k], dtype=float) for k in ("x", "y", "se"))
     if c["repeats"]:  # the first point comes again a period later
         period = 2.0 * np.pi / c["repeats"]
         x, y, se = (np.append(a, b) for a, b in ((x, period), (y, y[0]), (se, se[0])))
+    return _drawn(dependence, what, name, x, np.stack([y - 2.0 * se, y, y + 2.0 * se]))
+
+
+def _drawn(dependence: Mapping[str, Any], what: str, name: str, x: np.ndarray, band: np.ndarray) -> "Markup":
+    """The points with their 95 % intervals. band (3, n): lowest value, value and highest value at each x (n,)."""
+    from matplotlib.figure import Figure
+
+    low, y, high = band
     offset = offset_of(x)
     apart = dependence["kind"] in ("run", "direction")
     with house_style():
@@ -34,11 +40,11 @@ def curve(dependence: Mapping[str, Any], what: str, name: str) -> "Markup":
         axes = figure.add_subplot()
         axes.axhline(0.0, color=COLOURS["floor"], ls=":", lw=1.4)
         if not apart:
-            axes.fill_between(x - offset, y - 2.0 * se, y + 2.0 * se, color=COLOURS["after"], alpha=0.18, lw=0)
-        axes.errorbar(
-            x - offset, y, 2.0 * se, color=COLOURS["after"], marker="o", ms=4, lw=1.4, ls="none" if apart else "-"
-        )
-        axes.set_xlabel(dependence["on"] + (f" - {offset:.0f}" if offset else "") + in_brackets(c["x_unit"]))
+            axes.fill_between(x - offset, low, high, color=COLOURS["after"], alpha=0.18, lw=0)
+        sides, line = np.maximum([y - low, high - y], 0.0), "none" if apart else "-"
+        axes.errorbar(x - offset, y, sides, color=COLOURS["after"], marker="o", ms=4, lw=1.4, ls=line)
+        since = f" - {offset:.0f}" if offset else ""
+        axes.set_xlabel(dependence["on"] + since + in_brackets(dependence["curve"]["x_unit"]))
         axes.set_ylabel(_y_label(dependence, what))
         axes.margins(x=0.03)
         few_ticks(axes)
@@ -47,20 +53,18 @@ def curve(dependence: Mapping[str, Any], what: str, name: str) -> "Markup":
 
 def law_curve(law: Mapping[str, Any], name: str) -> "Markup":
     """A fitted law of an explanation, level beyond its ends unless it repeats; `name` is unique on the page."""
-    x, y = (np.asarray(law[k], dtype=float) for k in ("knots", "values"))
-    low, high = (np.asarray(side, dtype=float) for side in law["values_ci95"])
-    se = (high - low) / 4.0
+    low, high = law["values_ci95"]
+    x, band = np.asarray(law["knots"], dtype=float), np.array([low, law["values"], high], dtype=float)
     if law["form"] != "harmonic":
         beyond = 0.15 * max(float(np.ptp(x)), 1e-6 + 0.1 * abs(float(x[0])))
         begin = x[0] - beyond
         if str(law["on"]).startswith("the size of "):
             begin = max(begin, 0.0)
         x = np.concatenate([[begin], x, [x[-1] + beyond]])
-        y, se = np.pad(y, 1, "edge"), np.pad(se, 1, "edge")
+        band = np.pad(band, ((0, 0), (1, 1)), "edge")
     what = f"the {law['of']}" + (f" of {law['target']}" if law.get("target") else "")
-    shown = {"component": what, "x": x, "y": y, "se": se, "x_unit": law["on_unit"], "y_unit": law["unit"],
-             "repeats": None}  # fmt: skip
-    return curve({"on": law["on"], "kind": "law", "form": "added", "curve": shown}, what, name)
+    units = {"x_unit": law["on_unit"], "y_unit": law["unit"]}
+    return _drawn({"on": law["on"], "kind": "law", "form": "added", "curve": units}, what, name, x, band)
 
 
 def ripple_curve(ripple: Mapping[str, Any], name: str) -> "Markup":
