@@ -34,8 +34,8 @@ class Pace:
         self._start, self._began, self._share, self._told = monotonic(), 0.0, 0.0, timed
 
     def reach(self, share: float) -> float:
-        """Take note of the share of the total time that has passed, and return the largest so far: work that has to
-        begin again does not take back what is behind."""
+        """Take note of the share of the total time that has passed, and return the largest so far: work that restarts
+        does not take back what is done."""
         if share > self._share:
             self._began, self._share = monotonic() - self._start, share
             self._told = self._told and not (self._began < SOON and share > JUMP)

@@ -81,7 +81,7 @@ def test_a_search_that_begins_again_takes_back_no_share(monkeypatch: pytest.Monk
     assert pace.words() == words_left(60.0 * 0.7 / 0.3 - 10.0) == "about 2 min left"
 
 
-def test_the_bar_of_a_search_that_begins_again_does_not_fall(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_lines_of_a_search_that_begins_again_show_no_smaller_share(capsys: pytest.CaptureFixture[str]) -> None:
     with progress_bar() as progress:
         for stage, done in (("searching", 0.3), ("searching, from the beginning", 0.1)):
             progress(stage, done)

@@ -17,6 +17,7 @@ from residual_mpc.models.settings import Knob, Term, Values
 
 RUBBING = Term("fitted_law_friction_position", "j2")
 KNOTS = (-1.0, 0.0, 1.0, 2.0)
+STRIBECK = {Knob("stribeck_friction", None, name): 0.1 for name in ("static", "kinetic", "velocity")}
 LOSS = 0.02  # N m, the dry friction of this joint in the model
 
 
@@ -37,13 +38,15 @@ def stated(tmp_path: Path, levels: tuple[float, ...], named: Values) -> tuple[Fi
 def test_a_friction_below_none_is_stated_as_none(tmp_path: Path, known: float) -> None:
     """known: N m, a constant friction that is named beside the law, which may take it away as well."""
     beside = {Knob("coulomb_friction", "j2", "torque"): known} if known else {}
-    law, numbers = stated(tmp_path, (-1.4, 0.8, 0.7, -1.5), beside)
-    least = -LOSS - known
-    assert min(law.values) == pytest.approx(least)
-    assert len(law.knots) == len(KNOTS) + 2
-    z = np.linspace(-1.5, 2.5, 401)
+    levels, least, z = (-1.4, 0.8, 0.7, -1.5), -LOSS - known, np.linspace(-1.5, 2.5, 401)
+    law, numbers = stated(tmp_path, levels, beside)
+    fitted, _ = stated(tmp_path, levels, STRIBECK)  # beside which it is stated as it was fitted
+    assert (law.form, dict(law.numbers)) == ("curve", {})
+    assert set(KNOTS) < set(law.knots) and (np.diff(law.knots) > 0.0).all()
     assert np.interp(z, law.knots, law.values) == pytest.approx(np.maximum(curve(NUMPY, numbers, z), least))
-    assert all(low <= v <= high and low >= least for low, v, high in zip(law.low, law.values, law.high, strict=True))
+    for side in ("low", "values", "high"):
+        clipped = np.maximum(np.interp(z, fitted.knots, getattr(fitted, side)), least)
+        assert np.interp(z, law.knots, getattr(law, side)) == pytest.approx(clipped)
 
 
 def test_a_law_that_leaves_some_friction_is_stated_as_it_is(tmp_path: Path) -> None:
@@ -54,7 +57,16 @@ def test_a_law_that_leaves_some_friction_is_stated_as_it_is(tmp_path: Path) -> N
 
 
 def test_beside_a_friction_that_varies_the_law_is_stated_as_it_was_fitted(tmp_path: Path) -> None:
-    stribeck = {Knob("stribeck_friction", None, name): 0.1 for name in ("static", "kinetic", "velocity")}
-    law, _ = stated(tmp_path, (-1.4, 0.8, 0.7, -1.5), stribeck)
+    law, _ = stated(tmp_path, (-1.4, 0.8, 0.7, -1.5), STRIBECK)
     assert (law.knots, min(law.values)) == (KNOTS, pytest.approx(-1.5))
 
+
+def test_beside_another_law_of_friction_it_is_stated_as_it_was_fitted(tmp_path: Path) -> None:
+    warming = {Knob("fitted_law_friction_time", "j2", "start"): 0.5}
+    law, _ = stated(tmp_path, (-0.4, 0.8, 0.7, 0.6), warming)
+    assert (law.knots, min(law.values)) == (KNOTS, pytest.approx(-0.4))
+
+
+def test_a_friction_of_all_joints_counts_as_well(tmp_path: Path) -> None:
+    law, _ = stated(tmp_path, (-0.4, 0.8, 0.7, 0.6), {Knob("coulomb_friction", None, "torque"): 0.3})
+    assert min(law.values) == pytest.approx(-LOSS - 0.3)

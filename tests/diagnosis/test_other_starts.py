@@ -6,11 +6,13 @@ from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from oracles.rover_log import ROBOT, rover_run
 
 import residual_mpc as rm
 from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.phases import search
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.search import other_starts
@@ -76,6 +78,22 @@ def test_the_second_result_counts_if_it_is_clearly_better(
     result = better_everywhere(None, None, one, two, SearchSettings())  # type: ignore[arg-type]
     assert result.fit == ("two" if taken else "one")
     assert result.met == ("one" if taken else "two", "met")
+
+
+@pytest.mark.parametrize("anew", [True, False])
+def test_the_second_search_begins_anew_where_the_first_did_not(monkeypatch: pytest.MonkeyPatch, anew: bool) -> None:
+    calls: list[tuple[Any, ...]] = []
+
+    def on(*args: Any) -> Any:
+        calls.append(args)
+        return SimpleNamespace(anew=anew) if len(calls) == 1 else None
+
+    monkeypatch.setattr(search, "_on", on)
+    monkeypatch.setattr(search, "other_start", lambda *_: GAIN)
+    settings = SimpleNamespace(search=SearchSettings())
+    prepared: Any = SimpleNamespace(headline=("windows", "scales"), options=SimpleNamespace(settings=settings))
+    search.search_headline(prepared, np.random.default_rng(0), lambda text, done: None)
+    assert len(calls) == 2 and calls[1][-2:] == (GAIN, not anew)
 
 
 def test_a_start_is_the_fit_of_its_effect_alone(tmp_path: Any) -> None:

@@ -88,10 +88,16 @@ def test_a_search_says_whether_it_began_anew(monkeypatch: pytest.MonkeyPatch, al
 
 def test_a_search_from_nothing_has_begun_there(monkeypatch: pytest.MonkeyPatch) -> None:
     forward, _ = begun()
+    marginalised = []
+
+    def go_on(self: Forward, beam: list[Fit], taken: list[Step]) -> tuple[list[Fit], list[Step], list[Fit]]:
+        marginalised.append(self.small_differences)
+        return beam, taken, []
+
     monkeypatch.setattr(Ruler, "visible", lambda *_: True)
-    monkeypatch.setattr(Forward, "go_on", lambda self, beam, steps: (beam, steps, []))
+    monkeypatch.setattr(Forward, "go_on", go_on)
     found = stepwise_search(forward.problem, forward.ruler.scales, SETTINGS, np.random.default_rng(0))
-    assert not found.fit.terms and not found.anew
+    assert not found.fit.terms and marginalised == [True, False] and found.anew
 
 
 def test_sets_that_leave_far_less_come_first() -> None:

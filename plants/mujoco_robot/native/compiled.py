@@ -51,9 +51,10 @@ class Compiled:
     """
 
     def __init__(self, chain: Chain, changing: Changing | None = None) -> None:
-        self._of = chain, changing
+        self._source = chain, changing
+        text = text_of(*self._source)
         started = perf_counter()
-        self._roll = _function(text_of(*self._of), 0)
+        self._roll = _function(text, 0)
         self._worth = OPTIMISING / SAVED * (perf_counter() - started)  # s of running, after which it is optimised
         self._spent, self._better = 0.0, False  # s that it has run, and whether it was optimised
 
@@ -66,7 +67,7 @@ class Compiled:
         sizes_of_rows = steps * sent, (steps + 1) * n, (steps + 1) * nu
         assert all(a.dtype == np.float64 and a.flags.c_contiguous for a in arrays)
         if not self._better and self._spent > self._worth:
-            self._roll, self._better = _function(text_of(*self._of), 1), True
+            self._roll, self._better = _function(text_of(*self._source), 1), True
         started = perf_counter()
         self._roll(*places, len(on.state), end - begin, each, *sizes_of_rows)
         self._spent += perf_counter() - started
@@ -136,7 +137,8 @@ def _function(text: str, level: int) -> Any:
 
 
 def engine_of(text: str, level: int, name: str) -> tuple[Any, int]:
-    """What owns a module's machine code for this processor, and the address of its function of that name.
+    """Compile a module for this processor: the engine that owns the machine code, and the address of the function
+    `name`.
 
     level: of the translation; 0 takes a quarter of the time of 1, and its code two to three times as long. Passes over
     the text would cost more than they save, and fuse operations."""
@@ -156,6 +158,6 @@ def engine_of(text: str, level: int, name: str) -> tuple[Any, int]:
     engine = llvm.create_mcjit_compiler(module, machine)
     engine.finalize_object()
     address = int(engine.get_function_address(name))
-    engine.remove_module(module)  # as large as its machine code, which stays
+    engine.remove_module(module)  # it is as large as the machine code, which the engine keeps
     module.close()
     return engine, address

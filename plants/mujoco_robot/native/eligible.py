@@ -162,8 +162,8 @@ def _tried(model: mujoco.MjModel, rubs: bool, stops: bool, rubbing: tuple[int, .
 
 
 def _carried(model: mujoco.MjModel) -> np.ndarray:
-    """(ntendon,) kg m^2 (kg), the inertia against which each tendon, a sum of joint positions, pulls at the model's own
-    position: 1 / (J M^-1 J^T). That of a light link behind a gear is far below its joint's dof_M0."""
+    """(ntendon,) kg m^2 (kg), the effective inertia of each tendon, a sum of joint positions, at qpos0: 1 / (J M^-1
+    J^T), 0 of one that pulls at no joint. That of a light link behind a gear is far below its joint's dof_M0."""
     import mujoco
 
     data, mass = mujoco.MjData(model), np.zeros((model.nv, model.nv))
@@ -173,7 +173,8 @@ def _carried(model: mujoco.MjModel) -> np.ndarray:
     for t, (begin, count) in enumerate(zip(model.tendon_adr, model.tendon_num, strict=True)):
         wraps = slice(begin, begin + count)
         pulls[t, model.jnt_dofadr[model.wrap_objid[wraps]]] = model.wrap_prm[wraps]
-    return np.asarray(1.0 / np.einsum("ti,it->t", pulls, np.linalg.solve(mass, pulls.T)))
+    ease = np.einsum("ti,it->t", pulls, np.linalg.solve(mass, pulls.T))
+    return np.divide(1.0, ease, out=np.zeros_like(ease), where=ease > 0.0)
 
 
 def _compared(model: mujoco.MjModel, program: Compiled, scale: float, saturating: bool) -> bool | None:

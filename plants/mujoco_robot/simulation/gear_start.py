@@ -13,7 +13,7 @@ from residual_mpc.models.settings import Settings
 
 NUDGE = 1e-4  # rad
 SOLVES = 12  # Newton steps at most
-LEADS = 0.1  # of the last step's error, below which the slope that led there is kept
+LEADS = 0.1  # the slope is kept while each of its steps cuts the error to less than this share (chord method)
 SOLVED = 1e-6  # rad, a step after which no other is needed
 HELD = 1e-9  # rad, within which a command counts as the same
 WARM = 0.6  # s of commands before a window, replayed to know how motor and link swing against each other
@@ -128,7 +128,7 @@ def settle(
         q[:, motor] = measured - ahead if robot.position_sensor == "link" else measured
 
     def apart(ahead: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """(B, g) rad/s^2 at which the link leaves the motor, valid in some rows (B,) bool."""
+        """(B, g) rad/s^2, acceleration of the link relative to the motor, valid in `rows` (B,) bool alone."""
         place(ahead)
         control[:] = command
         if servos is not None:
@@ -141,11 +141,12 @@ def settle(
     low, high = np.full_like(half, -np.inf), np.full_like(half, np.inf)
     diagonal = np.arange(count)
     slope, error = np.zeros((len(half), count, count)), np.zeros(len(half))
+    led = np.zeros(len(half), dtype=bool)  # rows whose last step was the slope's own
     for _ in range(SOLVES):
         away = apart(ahead, going)
         leaning = loose & (((ahead >= half) & (away > 0)) | ((ahead <= -half) & (away < 0)))
         last, error = error, np.abs(np.where(leaning, 0.0, away)).max(axis=1)
-        if (anew := going & ~(error < LEADS * last)).any():
+        if (anew := going & ~(led & (error < LEADS * last))).any():
             moved = np.stack([apart(ahead + NUDGE * row, anew) for row in np.eye(count)], axis=-1)
             slope[anew] = (moved[anew] - away[anew, :, None]) / NUDGE
             # without a servo nothing pulls back
@@ -159,6 +160,7 @@ def settle(
         bracketed = beyond & np.isfinite(low) & np.isfinite(high)
         newton = np.where(bracketed, 0.5 * (np.where(bracketed, low, 0.0) + np.where(bracketed, high, 0.0)), newton)
         solved = (np.abs(newton - ahead) < SOLVED).all(axis=1)
+        led[:] = ~(bracketed | (np.abs(newton) > half)).any(axis=1)
         ahead = np.where(going[:, None], np.clip(newton, -half, half), ahead)
         going &= ~solved
         if not going.any():

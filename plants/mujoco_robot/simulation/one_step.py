@@ -17,8 +17,8 @@ from residual_mpc.effects.ops import NUMPY
 @dataclass(frozen=True, eq=False)
 class OneStep:
     """between: see between_steps. servos: see feedback. errors: what acts on position servos' errors, see on_errors.
-    integrals: what their integral parts add, None where none has one. dt: s, of the robot's step. rows: the numbers of
-    the rows that move, None for all."""
+    integrals: what their integral parts add, None where none has one. dt: s, of the robot's step. rows: indices
+    of the rows to step, None for all."""
 
     batch: Any
     robot: CompiledRobot

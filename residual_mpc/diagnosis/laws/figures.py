@@ -91,33 +91,43 @@ def fitted_law(
     level, wide = found[:n], half[:n]
     points = (knots, level, level - wide, level + wide)
     least = _least_friction(space, term, values) if kind.of == "friction" else -np.inf
-    if level.min() < least:  # a value below it acts like it
+    if level.min() < least:  # the simulation clips a joint's friction at zero
         points, form, closed = _no_less_than(least, *points), "curve", {}
     z, middle, low, high = map(_tuple, points)
     return FittedLaw(kind.of, words_of(space, term), form, z, middle, low, high, unit, on_unit, closed)
 
 
 def _least_friction(space: Space, term: Term, values: Values) -> float:
-    """N m (N), at which a law of dry friction takes away all friction that the model and a named constant friction give
-    its joint; minus infinity where a named friction varies with the motion."""
-    terms = {k.term for k in values if k.effect != TUNE and k.target in (None, term.target)}
-    if any(BY_NAME[t.effect].place == "friction" for t in terms):
+    """N m (N), the lowest value of a law of dry friction: minus the other dry friction of its joint. Minus infinity
+    where that is not the same throughout the runs and known here."""
+    slots = space.slots[term.effect] if term.target is None else (term.target,)
+    own = {None, *slots}
+    others = {k.term for k in values if k.effect != TUNE and k.term != term and k.target in own}
+    varying = any(_rubs(t.effect) or BY_NAME[t.effect].place == "friction" for t in others)
+    tuned = any(k.effect == TUNE and k.parameter.endswith(".frictionloss") for k in values)
+    if len(slots) != 1 or varying or tuned:
         return -np.inf
-    constant = [Knob(COULOMB.name, target, "torque") for target in (None, term.target)]
-    modelled = -space.bounds(constant[1])[0]
-    return -(modelled + sum(values.get(k, 0.0) for k in constant))
+    modelled = -space.bounds(Knob(COULOMB.name, slots[0], "torque"))[0]
+    return 0.0 - modelled - sum(values.get(Knob(COULOMB.name, target, "torque"), 0.0) for target in own)
+
+
+def _rubs(effect: str) -> bool:
+    """Whether an effect is a fitted law of dry friction."""
+    kind = kind_of(effect)
+    return kind is not None and kind.of == "friction"
 
 
 def _no_less_than(
     least: float, knots: np.ndarray, level: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The points of a curve and its band held at `least` or above, with further points where the curve crosses it."""
-    i = np.flatnonzero((level[:-1] < least) != (level[1:] < least))
-    share = (least - level[i]) / (level[i + 1] - level[i])
-    z = np.concatenate([knots, knots[i] + share * np.diff(knots)[i]])
-    order = np.argsort(z)
-    held = (np.maximum(np.interp(z[order], knots, y), least) for y in (level, low, high))
-    return (z[order], *held)
+    """A curve and its band, clipped at `least`, with further knots where they cross it."""
+    z = [knots]
+    for above in (y - least for y in (level, low, high)):
+        i = np.flatnonzero(above[:-1] * above[1:] < 0.0)
+        z.append(knots[i] + above[i] / (above[i] - above[i + 1]) * np.diff(knots)[i])
+    every = np.unique(np.concatenate(z))
+    clipped = (np.maximum(np.interp(every, knots, y), least) for y in (level, low, high))
+    return (every, *clipped)
 
 
 def words_of(space: Space, term: Term) -> str:

@@ -36,8 +36,8 @@ class Step:
 class Found:
     """The chosen set on its final weights, its sub- and rival sets on the same weights, and the way there; met: the
     likeliest other sets that the last steps came across, as they were there; sigma (C,): standard deviations for fits
-    that know of no small differences; anew: whether the search also began with no effect again, as if there were no
-    small differences."""
+    that know of no small differences; anew: whether the search also began with the nominal model and without small
+    differences."""
 
     problem: Problem
     fit: Fit
@@ -75,7 +75,7 @@ def stepwise_search(
     """Search on the problem's windows. The problem's own weights are those of the pure sensor noise; start: the values
     to go on from, None for the model alone; questioned: whether its effects are tested again where nothing is added;
     accepted: told each set that the search moves on to; suggest: the first looks at effects that have no probes;
-    anew: whether it may begin with no effect again where much is left."""
+    anew: whether it may begin again with the nominal model where much is left."""
     noise = 1.0 / problem.weight
     blocks = blocks_of(problem.data, settings=settings.fit)
     base_values: Values = {k: problem.space.null(k) for k in problem.space.tunables}
@@ -93,8 +93,8 @@ def stepwise_search(
     marginalised, again = settings.fit.predict.tolerances.marginalised, False
     if marginalised and (much or forward.ruler_about(beam[0]).visible(beam[0], settings)):
         unmarginalised = replace(forward, settings=settings.without_tolerances(), small_differences=False)
-        again = anew and bool(beam[0].terms)
-        further_beam, further, seen_there = unmarginalised.further(beam[0], steps, again)
+        further_beam, further, seen_there = unmarginalised.further(beam[0], steps, anew and bool(beam[0].terms))
+        again = anew or not beam[0].terms
         if further != steps and (much or forward.far_smaller(further_beam[0], beam[0])):
             beam, met = further_beam, seen_there
             forward, settings, steps = unmarginalised, unmarginalised.settings, further
