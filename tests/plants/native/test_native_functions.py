@@ -17,11 +17,12 @@ def compiled(name: str, x: np.ndarray) -> np.ndarray:
     """One function of vectors, LANES numbers at a time."""
     p = Program()
     store(p, getattr(operations(p), name)(load(p, "%x", 0)), "%y", 0)
-    engine = engine_of(p.text("f", ["ptr noalias %x", "ptr noalias %y"]), 1)
-    function = CFUNCTYPE(None, c_void_p, c_void_p)(engine.get_function_address("f"))
+    engine, address = engine_of(p.text("f", ["ptr noalias %x", "ptr noalias %y"]), 1, "f")
+    function = CFUNCTYPE(None, c_void_p, c_void_p)(address)
     y = np.empty_like(x)
     for k in range(0, len(x), LANES):
         function(x[k:].ctypes.data, y[k:].ctypes.data)
+    del engine  # which owns the function
     return y
 
 
