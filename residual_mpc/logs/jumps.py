@@ -12,7 +12,7 @@ from residual_mpc.logs.signals import BoolArray, fresh_samples, resolution
 from residual_mpc.logs.window_polynomials import line_at_zero, quadratic
 
 BURST = 3  # samples: the longest spike
-FLANK = 0.3  # of a spike's height: the most that the samples beside it may share
+FLANK = 0.3  # largest deviation of the samples beside a spike, relative to its height
 REACH = 11  # samples in the window of a local polynomial
 STRETCH = 61  # samples over which errors of prediction are usual
 SPIKE = 6.0  # times the noise, and times the local error of prediction

@@ -89,7 +89,7 @@ def test_where_little_is_left_only_a_far_smaller_gap_counts(monkeypatch: pytest.
     (both,) = fit_all(problem, [{LAG: 0.08, TRACK: 1.01}], 0)
     further = Step(both.terms, 2.0, 1.0)
     monkeypatch.setattr(stepwise.Ruler, "visible", lambda *_: True)
-    monkeypatch.setattr(stepwise.Forward, "further", lambda self, found, steps, anew: ([both], [*steps, further], []))
+    monkeypatch.setattr(stepwise.Forward, "from_both", lambda self, beam, steps: ([both], [*steps, further], []))
     monkeypatch.setattr(stepwise.Forward, "far_smaller", lambda *_: far_smaller)
     monkeypatch.setattr(stepwise, "prune", lambda problem, ruler, current, *_, **__: current)
     found = stepwise.stepwise_search(problem, scales, settings, np.random.default_rng(0))

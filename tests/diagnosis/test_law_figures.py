@@ -13,7 +13,7 @@ from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.effects.laws import LEVELS, curve, curve_shape
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.effects.ops import NUMPY
-from residual_mpc.models.settings import Knob, Term, Values
+from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 RUBBING = Term("fitted_law_friction_position", "j2")
 KNOTS = (-1.0, 0.0, 1.0, 2.0)
@@ -70,3 +70,8 @@ def test_beside_another_law_of_friction_it_is_stated_as_it_was_fitted(tmp_path: 
 def test_a_friction_of_all_joints_counts_as_well(tmp_path: Path) -> None:
     law, _ = stated(tmp_path, (-0.4, 0.8, 0.7, 0.6), {Knob("coulomb_friction", None, "torque"): 0.3})
     assert min(law.values) == pytest.approx(-LOSS - 0.3)
+
+
+def test_beside_a_friction_of_the_model_that_is_tuned_it_is_stated_as_it_was_fitted(tmp_path: Path) -> None:
+    law, _ = stated(tmp_path, (-0.4, 0.8, 0.7, 0.6), {Knob(TUNE, None, "joint.j2.frictionloss"): 0.5})
+    assert (law.knots, min(law.values)) == (KNOTS, pytest.approx(-0.4))

@@ -52,38 +52,27 @@ def test_the_way_that_leaves_far_less_is_taken(monkeypatch: pytest.MonkeyPatch, 
         return ([beam[0]], taken, []) if stuck else ([both], [*taken, Step(both.terms, 0.9, 0.1)], [])
 
     monkeypatch.setattr(Forward, "go_on", go_on)
-    beam, way, _ = forward.further(wrong, steps, anew=True)
+    beam, way, _ = forward.from_both([wrong], steps)
     assert beam[0] is (right if stuck else both)
     assert way[0].terms == (right.terms if stuck else wrong.terms)
-
-
-def test_a_search_that_does_not_begin_anew_goes_one_way(monkeypatch: pytest.MonkeyPatch) -> None:
-    forward, wrong = begun()
-    starts = []
-
-    def go_on(self: Forward, beam: list[Fit], taken: list[Step]) -> tuple[list[Fit], list[Step], list[Fit]]:
-        starts.append(beam[0])
-        return beam, taken, []
-
-    monkeypatch.setattr(Forward, "go_on", go_on)
-    forward.further(wrong, [], anew=False)
-    assert starts == [wrong]
 
 
 @pytest.mark.parametrize("allowed", [True, False])
 def test_a_search_says_whether_it_began_anew(monkeypatch: pytest.MonkeyPatch, allowed: bool) -> None:
     forward, wrong = begun()
-    asked = []
+    starts = []
 
-    def further(self: Forward, found: Fit, steps: list[Step], anew: bool) -> tuple[list[Fit], list[Step], list[Fit]]:
-        asked.append(anew)
-        return [found], steps, []
+    def go_on(self: Forward, beam: list[Fit], taken: list[Step]) -> tuple[list[Fit], list[Step], list[Fit]]:
+        starts.append((self.small_differences, {t.effect for t in beam[0].terms}))
+        return beam, taken, []
 
     monkeypatch.setattr(Ruler, "visible", lambda *_: True)
-    monkeypatch.setattr(Forward, "further", further)
+    monkeypatch.setattr(Forward, "go_on", go_on)
     rng = np.random.default_rng(0)
     found = stepwise_search(forward.problem, forward.ruler.scales, SETTINGS, rng, start=wrong.values, anew=allowed)
-    assert found.fit.terms and asked == [allowed] and found.anew == allowed
+    lag = {"actuator_lag"}
+    assert starts == [(True, lag), (False, lag)] + ([(False, set())] if allowed else [])
+    assert found.fit.terms and found.anew == allowed
 
 
 def test_a_search_from_nothing_has_begun_there(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -93,7 +93,8 @@ def stepwise_search(
     marginalised, again = settings.fit.predict.tolerances.marginalised, False
     if marginalised and (much or forward.ruler_about(beam[0]).visible(beam[0], settings)):
         unmarginalised = replace(forward, settings=settings.without_tolerances(), small_differences=False)
-        further_beam, further, seen_there = unmarginalised.further(beam[0], steps, anew and bool(beam[0].terms))
+        go_on = unmarginalised.from_both if anew and beam[0].terms else unmarginalised.go_on
+        further_beam, further, seen_there = go_on(beam[:1], steps)
         again = anew or not beam[0].terms
         if further != steps and (much or forward.far_smaller(further_beam[0], beam[0])):
             beam, met = further_beam, seen_there
@@ -170,12 +171,10 @@ class Forward:
             return None
         return first(leaving_far_less(ruler, children, chosen[1], self.settings)) or chosen
 
-    def further(self, found: Fit, steps: list[Step], anew: bool) -> tuple[list[Fit], list[Step], list[Fit]]:
-        """As `go_on` from what was found. anew: or from nothing where that leads to a far smaller gap: what was found
+    def from_both(self, beam: list[Fit], steps: list[Step]) -> tuple[list[Fit], list[Step], list[Fit]]:
+        """As `go_on` from these sets, or from the nominal model where that leads to a far smaller gap: what was found
         first may have kept the search from the cause."""
-        further = self.go_on([found], steps)
-        if not anew:
-            return further
+        further = self.go_on(beam, steps)
         begun = replace(self, report=lambda text, done: self.report(f"{text}, from the beginning", done))
         other = begun.go_on([self.base], [])
         return other if self.far_smaller(other[0][0], further[0][0]) else further
