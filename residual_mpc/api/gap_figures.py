@@ -14,12 +14,12 @@ from residual_mpc.diagnosis.data.noise_model import ChannelNoise
 from residual_mpc.diagnosis.data.outliers import find_outliers
 from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, stated_sizes
 from residual_mpc.diagnosis.fit.settings import FitSettings
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.horizons import FORETOLD, full_windows, longer_horizons
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.noise_floor import floor_from
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.document import finite
 from residual_mpc.diagnosis.results.gaps import quantiles
 from residual_mpc.errors import BadInput

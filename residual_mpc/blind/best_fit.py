@@ -44,8 +44,8 @@ def best_fit(effects: Sequence[Planted], clean: Path, case: Path) -> dict[str, f
     noise in ``case``: without noise of its own, a channel would outweigh all others."""
     from residual_mpc.diagnosis.data.subsampling import thin
     from residual_mpc.diagnosis.fit.least_squares import fit_all
+    from residual_mpc.diagnosis.predict.candidates import build_space
     from residual_mpc.diagnosis.predict.problem import build_problem
-    from residual_mpc.diagnosis.predict.space import build_space
     from residual_mpc.models.settings import Knob
 
     fitted = [p for p in effects if p.effect != _FLAGGED]

@@ -15,10 +15,10 @@ from residual_mpc.diagnosis.data.gap import Scales, measure_scales, still_channe
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.channel_weights import weighed_by_residuals
 from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.horizons import foretold, longer_horizons
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.references import ends_of
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot

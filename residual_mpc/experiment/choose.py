@@ -9,8 +9,8 @@ import numpy as np
 from residual_mpc.checkpoint import at_once
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.fit.least_squares import fit_all
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.problem import build_problem
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.testable import NotTestable, not_testable
 from residual_mpc.experiment.drive_setup import DriveSetup, with_encoders

@@ -9,9 +9,9 @@ from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.fit.least_squares import fit_all
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.replay import predict
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.predict.step_error import within_step_error
 from residual_mpc.experiment.drive_setup import DriveSetup
 from residual_mpc.experiment.motions import Motion, scaled

@@ -17,8 +17,8 @@ from residual_mpc.comparison.sets import cut, units_of
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.space import change_space
 from residual_mpc.comparison.units import build_units
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.problem import build_problem
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.models.settings import Knob, Term
 
 ROVER = DiffDrive("rover", 0.033, 0.16)

@@ -10,8 +10,8 @@ from residual_mpc.comparison.sets import cut, units_of
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.space import change_space
 from residual_mpc.comparison.units import Units, build_units
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.models.settings import Knob, Values
 
 ROVER = DiffDrive("rover", 0.033, 0.16)

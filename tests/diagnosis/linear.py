@@ -15,7 +15,8 @@ from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.fit.settings import FitSettings
-from residual_mpc.diagnosis.predict.space import Space, build_space
+from residual_mpc.diagnosis.predict.candidates import build_space
+from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob, Values
 

@@ -10,8 +10,8 @@ from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.fit.marginalisation import carrying
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.problem import build_problem
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.search import stepwise
 from residual_mpc.diagnosis.search.acceptance import build_ruler, convincing, judge
 from residual_mpc.diagnosis.search.settings import SearchSettings

@@ -15,9 +15,9 @@ from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.noise_errors import start_bias
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.search import pairs as search_pairs
 from residual_mpc.diagnosis.search.pairs import pairs
 from residual_mpc.diagnosis.search.settings import SearchSettings

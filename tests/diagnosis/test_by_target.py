@@ -15,8 +15,8 @@ from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.fit.settings import FitSettings
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.search import by_target as module
 from residual_mpc.diagnosis.search import stepwise
 from residual_mpc.diagnosis.search.by_target import by_target, counted

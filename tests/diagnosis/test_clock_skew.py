@@ -15,9 +15,9 @@ from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.subsampling import shorten
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.longer_steps import with_longer_steps
 from residual_mpc.diagnosis.predict.replay import predict
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.records import Diagnosis
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob, assemble

@@ -13,9 +13,9 @@ from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.references import BETWEEN, measure_references
 from residual_mpc.diagnosis.predict.replay import beyond
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.intervals import _of_mean_speeds
 from residual_mpc.effects.command import delay_sequence, delay_start, delay_step
 from residual_mpc.effects.ops import NUMPY

@@ -13,8 +13,8 @@ from residual_mpc.diagnosis.data.encoder_consistency import contradicted
 from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.replay import predict
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.records import Diagnosis
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob, Values

@@ -15,9 +15,9 @@ from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.fit.noise_evenness import unevenness
 from residual_mpc.diagnosis.fit.noise_fit import fit_noise
 from residual_mpc.diagnosis.fit.settings import FitSettings, NoiseFitSettings
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.replay import predict
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Settings
 

@@ -13,8 +13,8 @@ from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.fit.least_squares import fit_all
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.problem import build_problem
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.search.late_partners import with_partner
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.models.settings import Knob, Values

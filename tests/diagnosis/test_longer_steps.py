@@ -17,12 +17,13 @@ from residual_mpc.checkpoint import Checkpoint, Keeper
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.gap import gap_of, measure_scales
 from residual_mpc.diagnosis.predict import noise_errors
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.longer_steps import longer_steps_of, quickened
 from residual_mpc.diagnosis.predict.noise_floor import floor_of
 from residual_mpc.diagnosis.predict.prediction_cache import Carried, PredictionCache
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.settings import LongerStepSettings, PredictSettings
-from residual_mpc.diagnosis.predict.space import Space, build_space
+from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.predict.step_lengths import with_longer_steps
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob, Settings, Values

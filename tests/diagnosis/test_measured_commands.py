@@ -14,7 +14,7 @@ from oracles.rover_log import ROBOT, SIGMA, rover_run
 from plants.diff_drive import DiffDrive
 from residual_mpc.cli.main import main
 from residual_mpc.diagnosis.data.dataset import build_dataset
-from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.search.measured_commands import not_commanded
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Term

@@ -14,10 +14,10 @@ from residual_mpc.diagnosis.data.gap import gap_of, measure_scales
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise, ornstein_uhlenbeck
 from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, stated_sizes
 from residual_mpc.diagnosis.fit.settings import FitSettings
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.replay import predict
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Settings
 

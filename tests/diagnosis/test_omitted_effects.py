@@ -18,8 +18,9 @@ from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.fit.marginalisation import carrying
 from residual_mpc.diagnosis.fit.omitted_effects import _directions, _reach, shifts_beside
 from residual_mpc.diagnosis.fit.settings import FitSettings, OmittedSettings
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
-from residual_mpc.diagnosis.predict.space import Space, build_space
+from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.predict.tolerances import small_differences
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.models.settings import Knob, Term, Values

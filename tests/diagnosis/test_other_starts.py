@@ -13,8 +13,8 @@ from oracles.rover_log import ROBOT, rover_run
 import residual_mpc as rm
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.phases import search
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.problem import build_problem
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.search import other_starts
 from residual_mpc.diagnosis.search.acceptance import Ruler
 from residual_mpc.diagnosis.search.other_starts import begun_with, better_everywhere, other_start

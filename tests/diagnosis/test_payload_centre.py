@@ -16,7 +16,7 @@ from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.options import Options
-from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.results.document import to_document
 from residual_mpc.diagnosis.search.optional_numbers import at_bounds, makeup, unshown, with_all_free, without_numbers
 from residual_mpc.logs.run import Run

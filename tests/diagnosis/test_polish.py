@@ -15,8 +15,8 @@ from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.fit.polish import polish
 from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.fit.start_values import elsewhere, possible
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.intervals import sigmas
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.logs.run import Run

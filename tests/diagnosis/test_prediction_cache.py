@@ -11,9 +11,10 @@ from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.subsampling import shorten
 from residual_mpc.diagnosis.predict import prediction_cache as module
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.replay import predict
-from residual_mpc.diagnosis.predict.space import Space, build_space
+from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.models.settings import Knob, Settings, Values
 
 ROVER = DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)

@@ -14,8 +14,8 @@ from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.problem import build_problem
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.document import to_document
 from residual_mpc.diagnosis.search.optional_numbers import at_bounds, misplaced, without_nulls
 from residual_mpc.diagnosis.search.settings import SearchSettings

@@ -17,9 +17,9 @@ from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.fit.settings import FitSettings
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import build_problem
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.search import rivals, screen, stand_ins
 from residual_mpc.diagnosis.search.acceptance import Ruler, build_ruler, judge
 from residual_mpc.diagnosis.search.close_rivals import Rival, too_close

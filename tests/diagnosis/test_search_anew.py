@@ -12,8 +12,8 @@ from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.problem import build_problem
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.search.acceptance import Ruler, build_ruler
 from residual_mpc.diagnosis.search.beam import leaving_far_less
 from residual_mpc.diagnosis.search.settings import SearchSettings

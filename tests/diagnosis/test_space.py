@@ -11,7 +11,8 @@ from oracles.arms import MIXED, SERVOS, arm_xml, robot_of
 from plants.mujoco_robot import MujocoRobot
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import measure_scales, still_channels
-from residual_mpc.diagnosis.predict.space import Space, build_space
+from residual_mpc.diagnosis.predict.candidates import build_space
+from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob

@@ -11,8 +11,8 @@ from oracles.arms import SERVOS, arm_xml, random_start, robot_of, settings_of
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.fit.least_squares import fit_all
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stand_ins import stand_ins
 from residual_mpc.logs.run import Run

@@ -21,9 +21,9 @@ from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.predict import step_error as step_error_module
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.noise_floor import floor_from
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.predict.step_error import step_error, within_step_error
 from residual_mpc.diagnosis.results import gaps, intervals
 from residual_mpc.diagnosis.results.own_step import Seen, _explained

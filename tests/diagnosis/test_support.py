@@ -14,9 +14,9 @@ from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.effect_sets import without
 from residual_mpc.diagnosis.predict.problem import build_problem
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results import readjusted as module
 from residual_mpc.diagnosis.results.causes import refitted_without
 from residual_mpc.diagnosis.results.readjusted import readjusted

@@ -14,9 +14,9 @@ from residual_mpc.diagnosis.fit.marginalisation import carrying, tolerant
 from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.options import Options, PhaseSettings
 from residual_mpc.diagnosis.phases.refine import _with_small_differences
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem, part_of, tolerating, whitened
 from residual_mpc.diagnosis.predict.settings import PredictSettings, ToleranceSettings
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.predict.tolerances import Tolerances, likeliest_level, small_differences
 from residual_mpc.models.settings import Knob, Values
 

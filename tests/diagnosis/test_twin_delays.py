@@ -11,7 +11,8 @@ from oracles.rover_log import SIGMA, rover_run
 from test_rivals import ROVER, rivals_of
 
 from residual_mpc.diagnosis.data.dataset import build_dataset
-from residual_mpc.diagnosis.predict.space import Space, build_space
+from residual_mpc.diagnosis.predict.candidates import build_space
+from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob, Term
 

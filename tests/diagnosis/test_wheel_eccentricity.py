@@ -10,8 +10,8 @@ from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.replay import predict
-from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.records import Diagnosis
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob, assemble

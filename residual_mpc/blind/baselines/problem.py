@@ -19,9 +19,10 @@ from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.gap import gap_of, measure_scales
 from residual_mpc.diagnosis.data.subsampling import thin
 from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.replay import predict
-from residual_mpc.diagnosis.predict.space import Space, build_space
+from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.files import write_atomically
 from residual_mpc.logs.run import Run

@@ -14,6 +14,7 @@ from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.data.subsampling import evenly, thin_whole
 from residual_mpc.diagnosis.data.unknown_past import after_unknown_past, runs_with_unknown_past
 from residual_mpc.diagnosis.options import Options, Progress
+from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.horizons import (
     HorizonWindows,
     foretold,
@@ -23,7 +24,7 @@ from residual_mpc.diagnosis.predict.horizons import (
 )
 from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
-from residual_mpc.diagnosis.predict.space import Space, build_space
+from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings
