@@ -99,7 +99,7 @@ class Parameter:
     "1/torque" one over the torque; "extremes" stands for the highest (a positive probe) and the lowest (a negative one)
     position that the runs reach; "turn" is the peak of half the difference of two wheels' speeds; "forward/time" and
     "turn/time" are the ranges of the mean and of half the difference of their commands, in one second; "reach" is a
-    radian, or for a joint that slides its range in the runs; "inertia", "mass", "length" and "play" are the
+    radian, or for a joint that slides its range in the runs, from the middle of its motion; "inertia", "mass", "length" and "play" are the
     robot's own).
     """
 

@@ -29,8 +29,8 @@ JOINT_SPRING = Effect(
     port="torque",
     target="joint",
     parameters=(
-        Parameter("stiffness", "N m/rad", 0.0, 0.0, math.inf, (0.3, 0.3), "torque/motion"),
-        Parameter("rest", "rad", 0.0, -6.3, 6.3, (1.5, -1.5), "reach", shape=True),
+        Parameter("stiffness", "N m/rad", 0.0, 0.0, math.inf, (0.3, 0.3, 0.3), "torque/motion"),
+        Parameter("rest", "rad", 0.0, -6.3, 6.3, (1.5, -1.5, 0.0), "reach", shape=True),
     ),
     summary="a spring, cable or gravity compensation beside the joint",
     step=spring_torque,

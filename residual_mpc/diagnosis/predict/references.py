@@ -29,6 +29,11 @@ def turned_of(references: Mapping[tuple[str, str], float], joint: str) -> float:
     return references.get((HIGHEST, joint), 0.0) - references.get((LOWEST, joint), 0.0)
 
 
+def middle_of(references: Mapping[tuple[str, str], float], joint: str) -> float:
+    """rad, halfway between the ends of a joint's motion; 0 where it is not measured."""
+    return 0.5 * (references.get((HIGHEST, joint), 0.0) + references.get((LOWEST, joint), 0.0))
+
+
 def measure_references(data: Dataset) -> dict[tuple[str, str], float]:
     """Typical sizes on these runs: commands (a servo's position error), actuator outputs, torques and speeds of
     the joints.

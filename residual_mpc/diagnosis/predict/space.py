@@ -8,7 +8,7 @@ from itertools import zip_longest
 import numpy as np
 
 from residual_mpc.diagnosis.predict.reached_limits import MOST_RAISED, PROBED, reached_limit
-from residual_mpc.diagnosis.predict.references import BETWEEN, GIVEN, HIGHEST, LOWEST, RUN, turned_of
+from residual_mpc.diagnosis.predict.references import BETWEEN, GIVEN, HIGHEST, LOWEST, RUN, middle_of, turned_of
 from residual_mpc.effects.library import BY_NAME, holder
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
@@ -199,10 +199,14 @@ class Space:
 
     def _probe(self, knob: Knob, x: float) -> float:
         """The value that a probe x stands for."""
-        if BY_NAME[knob.effect].parameter(knob.parameter).reference != "extremes":
+        kind = BY_NAME[knob.effect].parameter(knob.parameter).reference
+        slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
+        if kind == "reach":
+            middles = [middle_of(self.references, s) for s in slots]
+            return x * self.reference(knob) + float(np.median(middles))
+        if kind != "extremes":
             return x * self.reference(knob)
         end = HIGHEST if x > 0 else LOWEST
-        slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
         return float(np.median([self.references.get((end, s), x) for s in slots]))
 
     def null(self, knob: Knob) -> float:

@@ -17,13 +17,16 @@ from residual_mpc.diagnosis.search.additions import closer, distinct, mixed
 from residual_mpc.diagnosis.search.screen import drawn, gap_weights, smaller
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models import optional
+from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Values
 
 ROWS = 96  # hypotheses replayed at once: bounds the memory
 
 
 def pairs(problem: Problem, alone: Fit, blocks: np.ndarray, settings: SearchSettings) -> list[Fit]:
-    """The best sets of two effects, each on all targets alike, cheapest first; alone: the model without effects.
+    """The best sets of two effects, each on all targets alike or on the only joint with a motor, cheapest first; alone:
+    the model without effects.
 
     A few probes of each effect with those of each other one are replayed on a quarter of the screening's windows, and
     all probes of the best pairs.
@@ -33,10 +36,11 @@ def pairs(problem: Problem, alone: Fit, blocks: np.ndarray, settings: SearchSett
     quarter = drawn(cost, max(settings.screen.fewest_quick, small.data.count // 4), power=1.0)
     quick = part_of(small, quarter > 0, quarter[quarter > 0])
     tuned = settings.pairs
+    driven = _only_driven(problem.space.robot)
     probes = {
         t: list({frozenset(p.items()): p for p in problem.space.probes(t)}.values())  # a bound may make two of them one
         for t in problem.space.candidates
-        if t.target is None and BY_NAME[t.effect].stage != "sensor"
+        if t.target in (None, driven) and BY_NAME[t.effect].stage != "sensor"
     }
     couples = [(a, b) for a, b in combinations(probes, 2) if problem.space.may_join(b, (a,))]
     starts = [s for c in couples for s in _combined(alone.values, *(_spread(probes[t], tuned.sketched) for t in c))]
@@ -56,6 +60,12 @@ def pairs(problem: Problem, alone: Fit, blocks: np.ndarray, settings: SearchSett
     margin = settings.additions.hopeless * dispersion(alone, blocks)
     fits = closer(problem, small, distinct(begun), Race(margin / weight), Race(margin), settings=settings)
     return sorted((f for f in fits if possible(f.values)), key=lambda f: f.cost)
+
+
+def _only_driven(robot: Robot) -> str | None:
+    """The one joint that a motor drives, of a robot whose other joints move freely; None elsewhere."""
+    driven = set(optional.actuator_joints(robot))
+    return driven.pop() if len(driven) == 1 and len(optional.joints(robot)) > 1 else None
 
 
 def _spread(probes: list[Values], most: int) -> list[Values]:

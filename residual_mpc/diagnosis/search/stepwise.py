@@ -174,8 +174,12 @@ class Forward:
     def from_both(self, beam: list[Fit], steps: list[Step]) -> tuple[list[Fit], list[Step], list[Fit]]:
         """As `go_on` from these sets, or from the nominal model where that leads to a far smaller gap: what was found
         first may have kept the search from the cause."""
-        further = self.go_on(beam, steps)
-        begun = replace(self, report=lambda text, done: self.report(f"{text}, from the beginning", done))
+        further, settings = self.go_on(beam, steps), self.settings
+        begun = replace(
+            self,
+            report=lambda text, done: self.report(f"{text}, from the beginning", done),
+            settings=replace(settings, pairs=replace(settings.pairs, always=True)),
+        )
         other = begun.go_on([self.base], [])
         return other if self.far_smaller(other[0][0], further[0][0]) else further
 
@@ -196,7 +200,7 @@ class Forward:
             self.report(text, named / settings.largest)
             children = additions(here, beam, blocks, settings)
             alone = named == 0 and settings.pairs.sought and bool(children)
-            if alone and self._leaves_much(ruler, beam[0], children[0]):
+            if alone and (settings.pairs.always or self._leaves_much(ruler, beam[0], children[0])):
                 children = sorted([*pairs(here, beam[0], blocks, settings=settings), *children], key=lambda f: f.cost)
             children = trimmed(here, children, blocks, seen, settings=settings)
             met = distinct([*children[: settings.steps.met], *met[: settings.steps.met]])

@@ -11,8 +11,13 @@ def imitate(one: Term, other: Term) -> bool:
     """Whether two effects do nearly the same at the same place. What acts on the whole robot, such as a mass at its
     tool, has no target to compare."""
     kinds = {BY_NAME[t.effect].target for t in (one, other)}
-    here = one.target == other.target or ("robot" in kinds and len(kinds) == 2)
+    here = _joint(one) == _joint(other) or ("robot" in kinds and len(kinds) == 2)
     return here and are_substitutes(one.effect, other.effect)
+
+
+def _joint(term: Term) -> str | None:
+    """The target of a term, of an encoder its joint."""
+    return None if term.target is None else term.target.removeprefix("position.")
 
 
 def counting_what_includes(weights: Mapping[Term, float], alike: Collection[Term]) -> dict[Term, float]:
