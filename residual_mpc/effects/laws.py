@@ -250,10 +250,10 @@ def published(effect: str) -> str:
     return FITTED_LAW if is_law(effect) else effect
 
 
-def quantity_of(effect: Effect) -> On:
+def quantities_of(effect: Effect) -> tuple[On, ...]:
     """What the torque or friction of an effect on a joint is a function of."""
     kind = kind_of(effect.name)
-    return "position" if kind is None else kind.on
+    return ("position", "speed") if kind is None else (kind.on,)
 
 
 def reads_clock(effect: Effect) -> bool:

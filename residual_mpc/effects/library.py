@@ -7,7 +7,7 @@ from typing import Any
 
 from residual_mpc.effects import actuator, body, command, contact, drive, position_servo, sensor, surroundings
 from residual_mpc.effects.effect import Effect, Quantity, Site, Values
-from residual_mpc.effects.laws import LAWS, law_of_column, quantity_of
+from residual_mpc.effects.laws import LAWS, law_of_column, quantities_of
 from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.effects.plugged import plugged_in
 
@@ -90,7 +90,7 @@ def fitted_laws(ops: Ops, effects: Effects, site: Site, signals: Mapping[str, Ar
     total = None
     for effect, p in present(effects, site):
         assert effect.step is not None
-        value = effect.step(ops, p, signals[quantity_of(effect)])
+        value = effect.step(ops, p, *(signals[name] for name in quantities_of(effect)))
         total = value if total is None else total + value
     return total
 

@@ -18,9 +18,15 @@ def constant_torque(ops: Ops, p: Values, q: Array) -> Array:
     return p["torque"] + 0.0 * q
 
 
-def ripple_torque(ops: Ops, p: Values, q: Array) -> Array:
-    """amplitude sin(cycles q + phase), N m: the first harmonic of a torque that repeats with the joint's angle q."""
-    return p["amplitude"] * ops.sin(p["cycles"] * q + p["phase"])
+def ripple_torque(ops: Ops, p: Values, q: Array, w: Array) -> Array:
+    """amplitude (sin a + lead d(sin a)/dt), N m, with a = cycles q + phase: the first harmonic of a torque that repeats
+    with the joint's angle q, rad; w: its speed, rad/s.
+
+    A position servo that drives its joint through a gear with an error of e sin a gives this torque at the joint, with
+    an amplitude of its stiffness times e and a lead of its damping over its stiffness.
+    """
+    angle = p["cycles"] * q + p["phase"]
+    return p["amplitude"] * (ops.sin(angle) + p["lead"] * p["cycles"] * w * ops.cos(angle))
 
 
 JOINT_SPRING = Effect(
@@ -67,6 +73,7 @@ TORQUE_RIPPLE = Effect(
         Parameter("amplitude", "N m", 0.0, 0.0, math.inf, (0.3,), "torque"),
         Parameter("cycles", "1/turn", 12.0, 0.0, 120.0, (12.0,), shape=True, cover=0.75),
         Parameter("phase", "rad", 0.0, -math.inf, math.inf, (0.0,), shape=True),
+        Parameter("lead", "s", 0.0, 0.0, 1.0, (0.02,), shape=True, optional=True),
     ),
     summary="a torque that repeats with the joint's angle: cogging, an eccentric gear",
     step=ripple_torque,
@@ -74,7 +81,11 @@ TORQUE_RIPPLE = Effect(
     site="law",
     proposed=True,
     unseen="the joint turns through too little of a cycle, or a plausible ripple moves it by less than the noise",
-    phrase=Phrase("{who} has a torque ripple of {amplitude}, {cycles} (cogging or an eccentric gear)"),
+    phrase=Phrase(
+        "{who} has a torque ripple of {amplitude}, {cycles} (cogging or an eccentric gear)",
+        located=", {where}",
+        optional={"lead": "leading the angle by {value}, as from an error in the gear of a position servo"},
+    ),
     nouns={"amplitude": Noun("torque ripple", size="amplitude")},
     not_in_mjcf="MuJoCo has no torque that repeats with a joint's angle",
 )

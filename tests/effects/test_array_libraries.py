@@ -155,7 +155,11 @@ EQUATIONS: dict[str, tuple[Equation, list[tuple[float, float]], int]] = {
     ),
     "gear_efficiency": (_one(gear_level, "forward", "backward"), [(0.3, 1.0), (0.3, 1.0)], 2),
     "joint_spring": (_one(spring_torque, "stiffness", "rest"), [(0.0, 3.0), (-1.0, 1.0)], 1),
-    "torque_ripple": (_one(ripple_torque, "amplitude", "cycles", "phase"), [(0.0, 3.0), (1.0, 40.0), (-3.0, 3.0)], 1),
+    "torque_ripple": (
+        _one(ripple_torque, "amplitude", "cycles", "phase", "lead"),
+        [(0.0, 3.0), (1.0, 40.0), (-3.0, 3.0), (0.0, 0.1)],
+        2,
+    ),
     "servo_integral": (_one(lambda o, p, x, e: integral_step(o, p, x, e, DT), "gain"), [(0.0, 9.0)], 2),
     "ground": (on_the_ground, [(0.5, 2.0), (0.8, 1.2), (0.0, 2.0), (0.5, 2.0), (-0.5, 0.5)], 4),
     "slope": (lambda o, r, h: slope_drift(o, {"rate": r, "heading": h}), [(0.0, 0.1), (-4.0, 4.0)], 0),

@@ -68,7 +68,9 @@ def test_a_friction_brakes_nothing(name: str) -> None:
 def test_a_torque_beside_the_joint_is_none(name: str) -> None:
     effect = BY_NAME[name]
     assert effect.step is not None
-    np.testing.assert_array_equal(effect.step(NUMPY, null_of(effect), SIGNALS[0]), np.zeros_like(SIGNALS[0]))
+    turning = SIGNALS[1:2] if effect.site == "law" else []
+    torque = effect.step(NUMPY, null_of(effect), SIGNALS[0], *turning)
+    np.testing.assert_array_equal(torque, np.zeros_like(SIGNALS[0]))
 
 
 @pytest.mark.parametrize("name", of_port("servo"))

@@ -24,13 +24,13 @@ COMPILED = frozenset(e.name for e in (*BUILT_IN, *LAWS))  # a user's own equatio
 @dataclass(frozen=True)
 class Acting:
     """An effect at some joints or actuators, and where its numbers begin: place by place, its parameters in order.
-    on: the quantity that a law is a function of; stretches: between a curve's knots, the first so many of which
+    on: the quantities that a law is a function of; stretches: between a curve's knots, the first so many of which
     rise."""
 
     effect: str
     places: tuple[int, ...]
     first: int
-    on: str = ""
+    on: tuple[str, ...] = ()
     stretches: int = 0
 
 
@@ -180,7 +180,7 @@ class Rewriting:
                 level[i] = level[i] + _step(one)(ops, self._of(one, slot), w, tau)
                 touched.add(i)
         for one in c.friction_laws:
-            for i, x in self._law(ops, one, signals[one.on]).items():
+            for i, x in self._law(ops, one, *(signals[name] for name in one.on)).items():
                 level[i] = level[i] + x
                 touched.add(i)
         for i in sorted(touched):
@@ -190,9 +190,9 @@ class Rewriting:
         """Torques; what brakes ever more with the speed is damping, which the step takes implicitly."""
         c, torque, braking = self.changing, dict[int, Number](), dict[int, Number]()
         for one in c.laws:
-            for i, x in self._law(ops, one, signals[one.on]).items():
+            for i, x in self._law(ops, one, *(signals[name] for name in one.on)).items():
                 torque[i] = torque.get(i, 0.0) + x
-            if one.on != "speed":
+            if one.on != ("speed",):
                 continue
             before, after = ([w + d for w in signals["speed"]] for d in (-NEAR, NEAR))
             rises = self._law(ops, one, after)
@@ -220,13 +220,13 @@ class Rewriting:
             works[actuator.joint] = now if before is None else larger(self.p, before, now)
         return {i: self._load(weight.first) * torque[i] * now for i, now in works.items()}
 
-    def _law(self, ops: Ops, one: Acting, z: Sequence[Number]) -> dict[int, Number]:
-        """By joint, what a law adds."""
+    def _law(self, ops: Ops, one: Acting, *z: Sequence[Number]) -> dict[int, Number]:
+        """By joint, what a law adds at its quantities."""
         kind, law = kind_of(one.effect), _step(one)
         if kind is not None:
             law = equation(kind) if kind.shape == "wave" else partial(equation(kind), stretches=one.stretches)
-        signal = {i: lanes(self.p, z[i]) for i in one.places}
-        return {i: law(ops, self._of(one, slot), signal[i]) for slot, i in enumerate(one.places)}
+        at = {i: [lanes(self.p, x[i]) for x in z] for i in one.places}
+        return {i: law(ops, self._of(one, slot), *at[i]) for slot, i in enumerate(one.places)}
 
     def _loads(self, force: Sequence[Lanes], n: int) -> list[Number]:
         """Torques of the actuators at their joints, within the joints' own limits."""

@@ -143,11 +143,12 @@ def _compared_bounded(model: mujoco.MjModel, program: Compiled, saturating: bool
 
 
 def _tried(model: mujoco.MjModel, rubs: bool, stops: bool, rubbing: tuple[int, ...]) -> mujoco.MjModel:
+    """A model with just those frictions and stops that its program is for: rows may lack what their model has, such as
+    friction that sits behind the gears."""
     rng, tried = np.random.default_rng(0), copy(model)
     tried.opt.tolerance, tried.opt.ls_tolerance = 0.0, 1e-6
-    if rubs:
-        most = np.maximum(model.dof_M0, 1e-6) * rng.uniform(0.0, 5.0, model.nv)
-        tried.dof_frictionloss[:] = np.maximum(model.dof_frictionloss, most)
+    most = np.maximum(model.dof_M0, 1e-6) * rng.uniform(0.0, 5.0, model.nv)
+    tried.dof_frictionloss[:] = np.maximum(model.dof_frictionloss, most) if rubs else 0.0
     if model.ntendon:
         carried = _carried(model)
         damping = carried * rng.uniform(0.0, 5.0, model.ntendon)
@@ -158,6 +159,8 @@ def _tried(model: mujoco.MjModel, rubs: bool, stops: bool, rubbing: tuple[int, .
         free = model.jnt_limited == 0
         tried.jnt_range[free] = model.qpos0[free, None] + np.array([-0.5, 0.5])
         tried.jnt_limited[:] = 1
+    else:
+        tried.jnt_limited[:] = 0
     return tried
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.effect import Effect, Site, Values
-from residual_mpc.effects.laws import NEAR, kind_of, quantity_of, shortened
+from residual_mpc.effects.laws import NEAR, kind_of, quantities_of, shortened
 from residual_mpc.effects.library import Effects, present
 from residual_mpc.effects.ops import NUMPY, Array
 from residual_mpc.models.protocol import Drive
@@ -20,18 +20,18 @@ Signals = Mapping[str, np.ndarray]  # by quantity, (B, joints that can have a la
 
 @dataclass(frozen=True, eq=False)
 class JointLaw:
-    """One law where it acts. on: the quantity; joints: places among those that can have a law; p: its parameters there,
+    """One law where it acts. on: the quantities; joints: places among those that can have a law; p: its parameters there,
     (B, joints)."""
 
     effect: Effect
-    on: str
+    on: tuple[str, ...]
     joints: np.ndarray
     p: Values
     law: Callable[..., Array]
 
-    def at(self, z: np.ndarray) -> np.ndarray:
-        """(B, joints) from the quantity (B, joints that can have a law)."""
-        return np.asarray(self.law(NUMPY, self.p, z[:, self.joints]))
+    def at(self, *z: np.ndarray) -> np.ndarray:
+        """(B, joints) from the quantities (B, joints that can have a law)."""
+        return np.asarray(self.law(NUMPY, self.p, *(x[:, self.joints] for x in z)))
 
 
 def joint_laws(effects: Effects, site: Site) -> list[JointLaw]:
@@ -46,7 +46,7 @@ def joint_laws(effects: Effects, site: Site) -> list[JointLaw]:
             if kind is not None:
                 here, law = shortened(kind, here)
             assert law is not None
-            out.append(JointLaw(effect, quantity_of(effect), joints, here, law))
+            out.append(JointLaw(effect, quantities_of(effect), joints, here, law))
     return out
 
 
@@ -91,7 +91,7 @@ def law_torques(batch: Any, robot: CompiledRobot, settings: Settings, drive: Dri
     signals = signals_of(batch, robot, drive)
     dofs = robot.dofs[[robot.joints.index(j) for j in robot.sites["law"]]]
     applied = batch.bind("qfrc_applied")
-    fast = [law for law in laws if law.on == "speed"]
+    fast = [law for law in laws if law.on == ("speed",)]
     damping = batch.expand("dof_damping") if fast else None
     base = None if damping is None else damping[:, dofs].copy()
 
@@ -111,7 +111,7 @@ def levels(laws: Sequence[JointLaw], signals: Signals) -> np.ndarray:
     """(B, joints) the sum of the laws."""
     total = np.zeros_like(signals["position"])
     for law in laws:
-        total[:, law.joints] += law.at(signals[law.on])
+        total[:, law.joints] += law.at(*(signals[name] for name in law.on))
     return total
 
 

@@ -68,13 +68,14 @@ def law_curve(law: Mapping[str, Any], name: str) -> "Markup":
 
 
 def ripple_curve(ripple: Mapping[str, Any], name: str) -> "Markup":
-    """One cycle of a torque ripple of an explanation, with the interval of its amplitude; `name` is unique on the
+    """One cycle of a torque ripple of an explanation at a slow turn, with the interval of its amplitude; `name` is unique on the
     page."""
     assert TORQUE_RIPPLE.step is not None
-    numbers = {k: float(p["value"]) for k, p in ripple["parameters"].items()}
+    own = {k: float(p["value"]) for k, p in ripple["parameters"].items()}
+    numbers = {p.name: own.get(p.name, p.null) for p in TORQUE_RIPPLE.parameters}
     x = np.linspace(0.0, 2.0 * np.pi / numbers["cycles"], POINTS)
     ends = ripple["parameters"]["amplitude"].get("ci95") or [numbers["amplitude"]] * 2
-    y, *sides = (TORQUE_RIPPLE.step(NUMPY, {**numbers, "amplitude": a}, x) for a in (numbers["amplitude"], *ends))
+    y, *sides = (TORQUE_RIPPLE.step(NUMPY, {**numbers, "amplitude": a}, x, 0.0) for a in (numbers["amplitude"], *ends))
     target = ripple.get("target") or ripple.get("only_target") or "the joint"
     law = {"of": "torque", "on": f"the angle of {target}", "form": "harmonic", "unit": "N m", "on_unit": "rad"}
     band = {"knots": x, "values": y, "values_ci95": [np.minimum(*sides), np.maximum(*sides)]}

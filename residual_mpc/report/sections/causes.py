@@ -45,7 +45,7 @@ def _picture(effect: Mapping[str, Any], name: str) -> str:
     """Of a law or a ripple; empty for what has none. name: unique on the page."""
     if "knots" in effect:
         return law_curve(effect, name)
-    wave = {p.name for p in TORQUE_RIPPLE.parameters} <= set(effect.get("parameters") or {})
+    wave = {p.name for p in TORQUE_RIPPLE.parameters if not p.optional} <= set(effect.get("parameters") or {})
     return ripple_curve(effect, name) if effect["effect"] == TORQUE_RIPPLE.name and wave else ""
 
 

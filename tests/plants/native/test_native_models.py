@@ -123,6 +123,14 @@ def test_a_light_link_behind_a_heavy_rotor_is_tried_in_motions_that_stay_bounded
     assert agrees(model, Compiled(chain_of(model, True, True, rubbing)), True, True, rubbing)
 
 
+def test_friction_of_the_model_that_no_row_has_is_not_tried() -> None:
+    """Friction that sits behind the gears leaves the motors without any."""
+    rubbing_motor = LIGHT_LINK.replace('damping="0.6"', 'damping="0.6" frictionloss="0.03" limited="true" range="-1 1"')
+    model = mujoco.MjModel.from_xml_string(rubbing_motor)
+    assert model.dof_frictionloss[0] > 0.0
+    assert agrees(model, Compiled(chain_of(model, False, False, (1,))), False, False, (1,))
+
+
 def test_an_arm_far_from_the_origin_loses_no_digits() -> None:
     model = mujoco.MjModel.from_xml_string(arm_xml().replace('pos="0 0 1"', 'pos="300 -200 40"'))
     assert agrees(model, Compiled(chain_of(model, True, True)), True, True)
