@@ -2,6 +2,7 @@
 
 from residual_mpc.comparison.records import Change, ChangeCandidate
 from residual_mpc.comparison.rivals import ChangeRivals
+from residual_mpc.comparison.search import FoundChange
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.sizes import Spread, changed_numbers, least_half
 from residual_mpc.diagnosis.fit.least_squares import Fit
@@ -36,14 +37,16 @@ def named_changes(
 
 
 def may_be_none(
-    problem: Problem, fit: Fit, term: Term, rivals: ChangeRivals, spread: Spread, settings: ComparisonSettings
+    problem: Problem, fit: Fit, change: FoundChange, rivals: ChangeRivals, spread: Spread, settings: ComparisonSettings
 ) -> bool:
-    """Whether a change that explains next to nothing of what all explain also may have no size: the interval of each of
-    its numbers contains none."""
-    if rivals.parts.get(term, 1.0) >= settings.faint:
+    """Whether a change may have no size, since the interval of each of its numbers contains none, and either explains
+    next to nothing of what all explain or is not significant by itself, which a change beside another difference of the
+    sets need not be."""
+    doubted = change.p > settings.contrast.level and not change.by_fit_alone
+    if rivals.parts.get(change.term, 1.0) >= settings.faint and not doubted:
         return False
-    half = least_half(problem, fit, term, settings)
-    return all(n.may_be_none for n in changed_numbers(problem, fit, term, spread, half))
+    half = least_half(problem, fit, change.term, settings)
+    return all(n.may_be_none for n in changed_numbers(problem, fit, change.term, spread, half))
 
 
 def other_candidates(rivals: ChangeRivals, sure: float) -> list[ChangeCandidate]:

@@ -64,16 +64,16 @@ def settle(
     rng: np.random.Generator,
     settings: ComparisonSettings,
 ) -> Settled:
-    """The changes fitted to the end on all windows. Dropped are, in turn, those whose numbers came to nothing, faint
-    ones that may have no size, and those without which unseen windows fit as well: a difference between two sets of
-    which the change predicts nothing has another cause. last: the search on all windows; jumping: whether outliers
-    changed."""
+    """The changes fitted to the end on all windows. Dropped are, in turn, those whose numbers came to nothing, faint or
+    insignificant ones that may have no size, and those without which unseen windows fit as well: a difference between
+    two sets of which the change predicts nothing has another cause. last: the search on all windows; jumping: whether
+    outliers changed."""
     space = last.problem.space
     assert isinstance(space, ChangeSpace)
     problem, units, fit, left = _fitted(given, sets, windows, space, last, rivals.found, settings)
     moved = tuple(c for c in rivals.found.changes if not came_to_nothing(fit, space, c.term))
     spread = spread_of(problem, fit, units)
-    seen = tuple(c for c in moved if not may_be_none(problem, fit, c.term, rivals, spread, settings))
+    seen = tuple(c for c in moved if not may_be_none(problem, fit, c, rivals, spread, settings))
     if seen != rivals.found.changes:
         kept = {k: v for k, v in fit.values.items() if not k.changed or k.term in {c.term for c in seen}}
         fit = to_the_end(problem, fit_all(problem, [kept], settings=settings.results.fit)[0], settings.results)

@@ -99,8 +99,8 @@ class Parameter:
     "1/torque" one over the torque; "extremes" stands for the highest (a positive probe) and the lowest (a negative one)
     position that the runs reach; "turn" is the peak of half the difference of two wheels' speeds; "forward/time" and
     "turn/time" are the ranges of the mean and of half the difference of their commands, in one second; "reach" is a
-    radian, or for a joint that slides its range in the runs, from the middle of its motion; "inertia", "mass", "length" and "play" are the
-    robot's own).
+    radian, or for a joint that slides its range in the runs, from the middle of its motion; "inertia", "mass", "length"
+    and "play" are the robot's own).
     """
 
     name: str
@@ -141,8 +141,8 @@ class Effect:
     - speed:    step(ops, p, w) -> lowest and highest output at the actuator's speed w, rad/s
     - servo:    step(ops, p, x, error, dt) -> x after dt, which is added to the setpoint of a position servo
     - friction: step(ops, p, w, tau) -> torque against the motion, N m (times sgn(w))
-    - torque:   step(ops, p, q) -> torque on the joint at position q, N m; at the site "elastic" linear in q, at the site
-      "law" step(ops, p, q, w), with the joint's speed
+    - torque:   step(ops, p, q) -> torque on the joint at position q, N m; at the site "elastic" linear in q, at the
+      site "law" step(ops, p, q, w), with the joint's speed
     - ground:   by site; roundness: step(ops, p, angle) -> factor on a wheel's radius at its angle, rad; rim: step(ops,
       p, v, a) -> v, a rim's speed m/s and acceleration m/s^2; side: step(ops, p, forward, yaw) -> m/s to the left;
       drift: step(ops, p) -> (m/s, m/s) in the world

@@ -108,17 +108,21 @@ def test_one_change_that_explains_as_much_as_several_takes_their_place(
 
 
 @pytest.mark.parametrize(
-    ("part", "intervals_with_none", "expected"),
-    [(0.01, (True,), True), (0.01, (True, False), False), (0.2, (True,), False), (0.01, (False,), False)],
-)
-def test_a_change_without_size_that_explains_next_to_nothing_is_dropped(
-    part: float, intervals_with_none: tuple[bool, ...], expected: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    ("part", "p", "by_fit_alone", "intervals_with_none", "expected"),
+    [(0.01, 0.02, False, (True,), True), (0.01, 0.02, False, (True, False), False),
+     (0.2, 0.02, False, (True,), False), (0.01, 0.02, False, (False,), False),
+     (0.9, 0.09, False, (True,), True), (0.9, 0.09, False, (False,), False), (0.9, 0.09, True, (True,), False)],
+)  # fmt: skip
+def test_a_faint_or_insignificant_change_without_size_is_dropped(
+    part: float, p: float, by_fit_alone: bool, intervals_with_none: tuple[bool, ...], expected: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
     numbers = [SimpleNamespace(may_be_none=holds) for holds in intervals_with_none]
     monkeypatch.setattr(named, "changed_numbers", lambda *_: numbers)
     monkeypatch.setattr(named, "least_half", lambda *_: 0.0)
     of: Any = SimpleNamespace(parts={LATE: part})
-    assert may_be_none(Any, Any, LATE, of, Any, ComparisonSettings()) is expected
+    found = FoundChange(LATE, p, by_fit_alone=by_fit_alone)
+    assert may_be_none(Any, Any, found, of, Any, ComparisonSettings()) is expected
 
 
 def test_what_was_a_rival_of_a_dropped_change_is_a_candidate_no_more() -> None:

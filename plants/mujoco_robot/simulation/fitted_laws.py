@@ -20,8 +20,8 @@ Signals = Mapping[str, np.ndarray]  # by quantity, (B, joints that can have a la
 
 @dataclass(frozen=True, eq=False)
 class JointLaw:
-    """One law where it acts. on: the quantities; joints: places among those that can have a law; p: its parameters there,
-    (B, joints)."""
+    """One law where it acts. on: the quantities; joints: places among those that can have a law; p: its parameters
+    there, (B, joints)."""
 
     effect: Effect
     on: tuple[str, ...]

@@ -68,8 +68,8 @@ def law_curve(law: Mapping[str, Any], name: str) -> "Markup":
 
 
 def ripple_curve(ripple: Mapping[str, Any], name: str) -> "Markup":
-    """One cycle of a torque ripple of an explanation at a slow turn, with the interval of its amplitude; `name` is unique on the
-    page."""
+    """One cycle of a torque ripple of an explanation in slow motion, with the interval of its amplitude; `name` is
+    unique on the page."""
     assert TORQUE_RIPPLE.step is not None
     own = {k: float(p["value"]) for k, p in ripple["parameters"].items()}
     numbers = {p.name: own.get(p.name, p.null) for p in TORQUE_RIPPLE.parameters}
