@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import stdtrit
 
+from residual_mpc.comparison.force_scale import force_scales, with_force_scales
 from residual_mpc.comparison.records import ChangedNumber
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.space import ChangeSpace, change_between
@@ -103,7 +104,7 @@ def changed_numbers(problem: Problem, fit: Fit, term: Term, spread: Spread, law:
     """The numbers of one change; law: half of an interval at least, relative to the change."""
     space = problem.space
     assert isinstance(space, ChangeSpace)
-    after = space.later(fit.values)
+    after, scales = space.later(fit.values), force_scales(space.robot, fit.values, term)
     out = []
     for i, knob in enumerate(fit.knobs):
         if not knob.changed or knob.term != term:
@@ -130,7 +131,7 @@ def changed_numbers(problem: Problem, fit: Fit, term: Term, spread: Spread, law:
                 float(was) if np.isfinite(was) else None,
                 float(now) if np.isfinite(now) else None,
                 float(value),
-                (float(value - half), float(value + half)),
+                with_force_scales((float(value - half), float(value + half)), unit, scales),
                 unit,
                 AT_BOUND if held and now != p.null else "",  # an effect that is gone ends at no bound
                 None if p.shape else float(ratio),
