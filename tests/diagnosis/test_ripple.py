@@ -97,3 +97,45 @@ def test_a_joint_that_hardly_turns_cannot_show_it(tmp_path: Path) -> None:
         path.write_text("\n".join([head, *small]) + "\n")
     (said,) = rotor(tmp_path, only=("torque_ripple",)).document["not_testable"]
     assert said["effect"] == "torque_ripple" and "turns by" in said["why"]
+
+
+MOUNT = """
+<mujoco><compiler angle="radian"/><option timestep="0.002" integrator="implicitfast"/>
+  <worldbody><body><joint name="axis" axis="0 0 1" armature="3" damping="6"/><geom size="0.1" mass="1"/></body></worldbody>
+  <actuator><position name="axis" joint="axis" kp="6000" kv="330"/></actuator>
+</mujoco>"""
+ERROR, CYCLES, PHASE = 2.2e-3, 36.0, 0.8  # rad, 1/turn, rad: of the worm
+
+
+def mount(folder: Path) -> None:
+    """Runs of an axis behind a worm that errs, whose servo sees the motor: the worm turns as the servo's spring and
+    damper let it, and the axis is off by the error (semi-implicit Euler at 0.1 ms)."""
+    (folder / "mount.xml").write_text(MOUNT)
+    (folder / "robot.toml").write_text('name = "mount"\nplant = "mujoco"\nmodel = "mount.xml"\n')
+    h, inertia = 1e-4, 3.0 + 0.4 * 0.1**2
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        f, phase = rng.uniform(0.02, 0.15, 3), rng.uniform(0.0, 6.28, 3)
+        q, w, u, rows = 0.0, 0.0, 0.0, ["t,command.axis,position.axis"]
+        for k in range(int(20.0 / h)):
+            if k % 500 == 0:
+                u = 0.15 * float(np.sum(np.sin(6.28 * f * k * h + phase) - np.sin(phase)))
+                rows.append(f"{k * h:.3f},{u:.7f},{q + 1e-4 * rng.standard_normal():.7f}")
+            angle = CYCLES * q + PHASE
+            motor, speed = q - ERROR * np.sin(angle), w * (1.0 - ERROR * CYCLES * np.cos(angle))
+            w += h * (6000.0 * (u - motor) - 330.0 * speed - 6.0 * w) / inertia
+            q += h * w
+        (folder / f"run{seed}.csv").write_text("\n".join(rows) + "\n")
+
+
+def test_an_error_of_a_servos_gear_is_a_ripple_that_leads(tmp_path: Path) -> None:
+    mount(tmp_path)
+    found = rotor(tmp_path, only=("torque_ripple", "viscous_friction", "coulomb_friction", "position_gain"))
+    (named,) = found.explanation
+    assert named["effect"] == "torque_ripple" and named["probability"] > 0.9
+    numbers = {k: p["value"] for k, p in named["parameters"].items()}
+    assert numbers["amplitude"] == pytest.approx(6000.0 * ERROR, rel=0.05)
+    assert numbers["cycles"] == pytest.approx(CYCLES, abs=0.1) and numbers["phase"] == pytest.approx(PHASE, abs=0.1)
+    low, high = named["parameters"]["lead"]["ci95"]
+    assert low < 330.0 / 6000.0 < high < 0.08
+    assert "leading the angle" in found.document["verdict_sentence"]

@@ -15,7 +15,7 @@ from residual_mpc.export import Build, augment
 from residual_mpc.export.moving import moving_apart
 from residual_mpc.models.settings import Knob
 
-RIPPLE = {"amplitude": 0.4, "cycles": 7.5, "phase": 0.3}
+RIPPLE = {"amplitude": 0.4, "cycles": 7.5, "phase": 0.3, "lead": 0.02}
 
 
 def on(joint: str) -> dict[tuple[str, str | None, str], float]:
@@ -31,7 +31,8 @@ def test_a_ripple_is_an_applied_torque(tmp_path: Path) -> None:
     plain = robot.replay(start, drive, settings_of(robot, {}), ("position.j2",))
     for k in range(150):
         data.ctrl[:] = drive.command[0, drive.lead + k]
-        data.qfrc_applied[1] = 0.4 * np.sin(7.5 * data.qpos[1] + 0.3)
+        angle = 7.5 * data.qpos[1] + 0.3
+        data.qfrc_applied[1] = 0.4 * (np.sin(angle) + 0.02 * 7.5 * data.qvel[1] * np.cos(angle))
         mujoco.mj_step(robot.model, data)
         assert came["position.j2"][0, k + 1] == pytest.approx(data.qpos[1], abs=1e-12)
     assert np.abs(plain["position.j2"][0] - came["position.j2"][0]).max() > 1e-3
