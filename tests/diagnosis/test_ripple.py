@@ -101,7 +101,9 @@ def test_a_joint_that_hardly_turns_cannot_show_it(tmp_path: Path) -> None:
 
 MOUNT = """
 <mujoco><compiler angle="radian"/><option timestep="0.002" integrator="implicitfast"/>
-  <worldbody><body><joint name="axis" axis="0 0 1" armature="3" damping="6"/><geom size="0.1" mass="1"/></body></worldbody>
+  <worldbody><body>
+    <joint name="axis" axis="0 0 1" armature="3" damping="6"/><geom size="0.1" mass="1"/>
+  </body></worldbody>
   <actuator><position name="axis" joint="axis" kp="6000" kv="330"/></actuator>
 </mujoco>"""
 ERROR, CYCLES, PHASE = 2.2e-3, 36.0, 0.8  # rad, 1/turn, rad: of the worm
