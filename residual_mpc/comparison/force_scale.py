@@ -1,8 +1,8 @@
-"""The common factor of all forces, which motions hardly tell.
+"""A common factor on all forces, which motion data hardly determine.
 
-Motors that give less and links that are heavier than modelled leave almost the same error: all forces of a robot, over
-all its inertias, decide how it moves. Where the model of both sets has such a gain, a changed torque, stiffness or mass
-is known up to that factor alone.
+Weaker motors and heavier links than modelled leave almost the same error: a robot's motion depends on its forces
+relative to its inertias. Where the model of both sets has such a gain, a changed torque, stiffness or mass is known
+only up to that factor.
 """
 
 from collections.abc import Sequence

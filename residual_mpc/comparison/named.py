@@ -39,10 +39,9 @@ def named_changes(
 def may_be_none(
     problem: Problem, fit: Fit, change: FoundChange, rivals: ChangeRivals, spread: Spread, settings: ComparisonSettings
 ) -> bool:
-    """Whether a change may have no size, since the interval of each of its numbers contains none, and either explains
-    next to nothing of what all explain or is not significant by itself, which a change beside another difference of the
-    sets need not be."""
-    doubted = change.p > settings.contrast.level and not change.by_fit_alone
+    """Whether every interval of a change includes "unchanged" and the change is either faint, explaining next to
+    nothing of what all explain, or significant neither by its own test nor by its fit."""
+    doubted = min(change.p, change.by_fit) > settings.contrast.level
     if rivals.parts.get(change.term, 1.0) >= settings.faint and not doubted:
         return False
     half = least_half(problem, fit, change.term, settings)

@@ -14,7 +14,7 @@ from residual_mpc.comparison.rivals import ChangeRivals
 from residual_mpc.comparison.search import FoundChanges, told_apart
 from residual_mpc.comparison.sets import TwoSets
 from residual_mpc.comparison.settings import ComparisonSettings
-from residual_mpc.comparison.sizes import came_to_nothing, to_the_end
+from residual_mpc.comparison.sizes import Spread, came_to_nothing, to_the_end
 from residual_mpc.comparison.space import ChangeSpace
 from residual_mpc.comparison.thresholds import spread_of
 from residual_mpc.comparison.units import Units
@@ -72,20 +72,21 @@ def settle(
     assert isinstance(space, ChangeSpace)
     problem, units, fit, left = _fitted(given, sets, windows, space, last, rivals.found, settings)
     moved = tuple(c for c in rivals.found.changes if not came_to_nothing(fit, space, c.term))
-    spread = spread_of(problem, fit, units)
-    seen = tuple(c for c in moved if not may_be_none(problem, fit, c, rivals, spread, settings))
-    if seen != rivals.found.changes:
-        kept = {k: v for k, v in fit.values.items() if not k.changed or k.term in {c.term for c in seen}}
+    if moved != rivals.found.changes:
+        kept = {k: v for k, v in fit.values.items() if not k.changed or k.term in {c.term for c in moved}}
         fit = to_the_end(problem, fit_all(problem, [kept], settings=settings.results.fit)[0], settings.results)
-    rivals = rivals.of(replace(rivals.found, changes=seen))
-    gap = compared_gap(sets, problem, fit, jumping, rng, settings)
-    while (idle := _predicting_nothing(gap)) is not None:
-        (fit,) = fit_all(problem, [without_change(fit.values, idle)], settings=settings.results.fit)
+    rivals = rivals.of(replace(rivals.found, changes=moved))
+    while True:
+        gone = _least_without_size(problem, fit, rivals, spread_of(problem, fit, units), settings)
+        if gone is None:
+            gap = compared_gap(sets, problem, fit, jumping, rng, settings)
+            gone = _predicting_nothing(gap)
+        if gone is None:
+            return Settled(problem, units, fit, left, rivals, gap)
+        (fit,) = fit_all(problem, [without_change(fit.values, gone)], settings=settings.results.fit)
         fit = to_the_end(problem, fit, settings.results)
-        rivals = rivals.of(replace(rivals.found, changes=tuple(c for c in rivals.found.changes if c.term != idle)))
+        rivals = rivals.of(replace(rivals.found, changes=tuple(c for c in rivals.found.changes if c.term != gone)))
         left = told_apart(problem, fit, units, settings)
-        gap = compared_gap(sets, problem, fit, jumping, rng, settings)
-    return Settled(problem, units, fit, left, rivals, gap)
 
 
 def _fitted(
@@ -106,6 +107,14 @@ def _fitted(
     same = all(np.array_equal(getattr(problem.data, x), getattr(last.problem.data, x)) for x in ("run", "start"))
     as_tested = same and found.changes == last.found.changes
     return problem, units, fit, last.found.left if as_tested else told_apart(problem, fit, units, settings)
+
+
+def _least_without_size(
+    problem: Problem, fit: Fit, rivals: ChangeRivals, spread: Spread, settings: ComparisonSettings
+) -> Term | None:
+    """Of the changes that may have no size, the one that explains least: another one may have one without it."""
+    none = [c.term for c in rivals.found.changes if may_be_none(problem, fit, c, rivals, spread, settings)]
+    return min(none, key=lambda t: rivals.parts.get(t, 1.0), default=None)
 
 
 def _predicting_nothing(gap: ComparedGap) -> Term | None:

@@ -74,6 +74,7 @@ Quantity = Literal[
     "gear damping",  # of critical
     "gear play",  # rad
     "damping behind the gear",  # of the joint's damping in the model
+    "ripple lead",  # s
     "gravity roll", "gravity pitch",  # rad
     "compensated gravity",  # the share of the modelled gravity that the controller bears
     "joint stop",  # rad
@@ -98,9 +99,9 @@ class Parameter:
     of its motion; "command/time" the command's range in one second; "1/run" is one over the longest run, 1/s,
     "1/torque" one over the torque; "extremes" stands for the highest (a positive probe) and the lowest (a negative one)
     position that the runs reach; "turn" is the peak of half the difference of two wheels' speeds; "forward/time" and
-    "turn/time" are the ranges of the mean and of half the difference of their commands, in one second; "reach" is a
-    radian, or for a joint that slides its range in the runs, from the middle of its motion; "inertia", "mass", "length"
-    and "play" are the robot's own).
+    "turn/time" are the ranges of the mean and of half the difference of their commands, in one second; "reach" is
+    one radian (on a sliding joint its range in the runs), from the middle of the joint's motion; "inertia", "mass",
+    "length" and "play" are the robot's own).
     """
 
     name: str
@@ -142,7 +143,7 @@ class Effect:
     - servo:    step(ops, p, x, error, dt) -> x after dt, which is added to the setpoint of a position servo
     - friction: step(ops, p, w, tau) -> torque against the motion, N m (times sgn(w))
     - torque:   step(ops, p, q) -> torque on the joint at position q, N m; at the site "elastic" linear in q, at the
-      site "law" step(ops, p, q, w), with the joint's speed
+      site "law" step(ops, p, q, w), with the joint's speed w
     - ground:   by site; roundness: step(ops, p, angle) -> factor on a wheel's radius at its angle, rad; rim: step(ops,
       p, v, a) -> v, a rim's speed m/s and acceleration m/s^2; side: step(ops, p, forward, yaw) -> m/s to the left;
       drift: step(ops, p) -> (m/s, m/s) in the world

@@ -22,8 +22,8 @@ def ripple_torque(ops: Ops, p: Values, q: Array, w: Array) -> Array:
     """amplitude (sin a + lead d(sin a)/dt), N m, with a = cycles q + phase: the first harmonic of a torque that repeats
     with the joint's angle q, rad; w: its speed, rad/s.
 
-    A position servo that drives its joint through a gear with an error of e sin a gives this torque at the joint, with
-    an amplitude of its stiffness times e and a lead of its damping over its stiffness.
+    A position servo that drives its joint through a gear with an error of e sin a gives this torque at the joint, to
+    first order in e, with an amplitude of its stiffness times e and a lead of its damping over its stiffness.
     """
     angle = p["cycles"] * q + p["phase"]
     return p["amplitude"] * (ops.sin(angle) + p["lead"] * p["cycles"] * w * ops.cos(angle))
@@ -73,7 +73,7 @@ TORQUE_RIPPLE = Effect(
         Parameter("amplitude", "N m", 0.0, 0.0, math.inf, (0.3,), "torque"),
         Parameter("cycles", "1/turn", 12.0, 0.0, 120.0, (12.0,), shape=True, cover=0.75),
         Parameter("phase", "rad", 0.0, -math.inf, math.inf, (0.0,), shape=True),
-        Parameter("lead", "s", 0.0, 0.0, 1.0, (0.02,), shape=True, optional=True),
+        Parameter("lead", "s", 0.0, 0.0, 1.0, (0.02,), shape=True, optional=True, quantity="ripple lead"),
     ),
     summary="a torque that repeats with the joint's angle: cogging, an eccentric gear",
     step=ripple_torque,

@@ -108,20 +108,20 @@ def test_one_change_that_explains_as_much_as_several_takes_their_place(
 
 
 @pytest.mark.parametrize(
-    ("part", "p", "by_fit_alone", "intervals_with_none", "expected"),
-    [(0.01, 0.02, False, (True,), True), (0.01, 0.02, False, (True, False), False),
-     (0.2, 0.02, False, (True,), False), (0.01, 0.02, False, (False,), False),
-     (0.9, 0.09, False, (True,), True), (0.9, 0.09, False, (False,), False), (0.9, 0.09, True, (True,), False)],
+    ("part", "p", "by_fit", "intervals_with_none", "expected"),
+    [(0.01, 0.02, 1.0, (True,), True), (0.01, 0.02, 1.0, (True, False), False),
+     (0.2, 0.02, 1.0, (True,), False), (0.01, 0.02, 1.0, (False,), False),
+     (0.9, 0.09, 1.0, (True,), True), (0.9, 0.09, 1.0, (False,), False), (0.9, 0.09, 1e-3, (True,), False)],
 )  # fmt: skip
 def test_a_faint_or_insignificant_change_without_size_is_dropped(
-    part: float, p: float, by_fit_alone: bool, intervals_with_none: tuple[bool, ...], expected: bool,
+    part: float, p: float, by_fit: float, intervals_with_none: tuple[bool, ...], expected: bool,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     numbers = [SimpleNamespace(may_be_none=holds) for holds in intervals_with_none]
     monkeypatch.setattr(named, "changed_numbers", lambda *_: numbers)
     monkeypatch.setattr(named, "least_half", lambda *_: 0.0)
     of: Any = SimpleNamespace(parts={LATE: part})
-    found = FoundChange(LATE, p, by_fit_alone=by_fit_alone)
+    found = FoundChange(LATE, p, by_fit)
     assert may_be_none(Any, Any, found, of, Any, ComparisonSettings()) is expected
 
 

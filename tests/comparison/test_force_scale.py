@@ -12,6 +12,7 @@ from residual_mpc.models.settings import Knob, Term
 
 ALL, ONE = Knob("actuator_gain", None, "gain"), Knob("actuator_gain", "j1", "gain")
 CHANGED = Knob("actuator_gain", None, "gain", changed=True)
+HOIST = Knob("actuator_gain", "hoist", "gain")
 OTHER = Knob("coulomb_friction", "j1", "torque")
 
 
@@ -23,12 +24,15 @@ OTHER = Knob("coulomb_friction", "j1", "torque")
         (Term("coulomb_friction", "j1"), {ONE: 0.8}, (0.8,)),
         (Term("coulomb_friction", "j2"), {ONE: 0.8}, ()),  # another motor's
         (Term("payload", None), {CHANGED: 0.8}, ()),  # only the later runs have it
+        (Term("link_mass", "lower"), {ONE: 0.8}, (0.8,)),  # a link weighs on any motor
+        (Term("joint_spring", "j2"), {HOIST: 0.7, ALL: 0.9}, (0.7, 0.9)),  # its motor has another name
     ],
 )
 def test_gains_of_both_sets_at_the_joint_count(
     term: Term, values: dict[Knob, float], expected: tuple[float, ...], tmp_path: Path
 ) -> None:
-    assert force_scales(robot_of(tmp_path, arm_xml(SERVOS)), values, term) == expected
+    servos = SERVOS.replace('name="j2"', 'name="hoist"')
+    assert force_scales(robot_of(tmp_path, arm_xml(servos)), values, term) == expected
 
 
 @pytest.mark.parametrize(

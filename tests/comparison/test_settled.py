@@ -31,12 +31,15 @@ def test_what_a_change_predicts_is_a_mean_over_windows_with_the_error_of_stretch
 
 
 def settle(
-    monkeypatch: pytest.MonkeyPatch, gains: list[dict[Term, float]], nothing: tuple[Term, ...] = ()
+    monkeypatch: pytest.MonkeyPatch,
+    gains: list[dict[Term, float]],
+    nothing: tuple[Term, ...] = (),
+    sized: tuple[set[Term], ...] = (),
 ) -> tuple[Any, list[Any]]:
     """What stays of a delay and a gain if they predict these gains, each time that they are measured; the fits.
-    nothing: the changes whose numbers came to nothing."""
+    nothing: the changes whose numbers came to nothing; sized: those that have a size, each time that it is asked."""
     fits: list[Any] = []
-    measured = iter(gains)
+    measured, asked = iter(gains), iter(sized)
 
     def fit_all(problem: Any, starts: Any, **_: Any) -> list[Any]:
         fits.append(dict(starts[0]))
@@ -44,6 +47,10 @@ def settle(
 
     def gap(*_: Any) -> Any:
         return SimpleNamespace(predicted={t: Predicted(g, 0.01, 0.5) for t, g in next(measured).items()})
+
+    def least(problem: Any, fit: Any, rivals: Any, *_: Any) -> Term | None:
+        have = next(asked, {DELAY, GAIN})
+        return next((c.term for c in rivals.found.changes if c.term not in have), None)
 
     space = object.__new__(ChangeSpace)
     values = {NUMBERS[DELAY]: 0.04, NUMBERS[GAIN]: 0.9}
@@ -54,6 +61,7 @@ def settle(
     monkeypatch.setattr(settled, "to_the_end", lambda problem, fit, _: fit)
     monkeypatch.setattr(settled, "came_to_nothing", lambda fit, space, term: term in nothing)
     monkeypatch.setattr(settled, "spread_of", lambda *_: None)
+    monkeypatch.setattr(settled, "_least_without_size", least)
     monkeypatch.setattr(settled, "told_apart", lambda *_: "tested again")
     monkeypatch.setattr(settled, "compared_gap", gap)
     monkeypatch.setattr(settled, "_fitted", lambda *_: (None, None, fit, "tested"))
@@ -83,3 +91,18 @@ def test_a_change_that_came_to_nothing_is_in_no_later_fit(monkeypatch: pytest.Mo
     stays, fits = settle(monkeypatch, [{DELAY: 0.02}], nothing=(GAIN,))
     assert [c.term for c in stays.rivals.found.changes] == [DELAY]
     assert fits == [{NUMBERS[DELAY]: 0.04}] and stays.fit.values == fits[0]
+
+
+def test_of_two_changes_without_size_one_may_have_it_without_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    stays, fits = settle(monkeypatch, [{GAIN: 0.02}], sized=(set(), {GAIN}))
+    assert [c.term for c in stays.rivals.found.changes] == [GAIN]
+    assert fits == [{NUMBERS[GAIN]: 0.9}] and stays.left == "tested again"
+
+
+def test_the_one_that_explains_least_goes_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(settled, "may_be_none", lambda *_: True)
+    changes = tuple(FoundChange(t, 0.1) for t in (DELAY, GAIN))
+    rivals: Any = SimpleNamespace(found=SimpleNamespace(changes=changes), parts={DELAY: 0.6, GAIN: 0.2})
+    assert settled._least_without_size(Any, Any, rivals, Any, ComparisonSettings()) == GAIN  # type: ignore[arg-type]
+    rivals.found.changes = ()
+    assert settled._least_without_size(Any, Any, rivals, Any, ComparisonSettings()) is None  # type: ignore[arg-type]

@@ -42,11 +42,12 @@ def begun() -> tuple[Forward, Fit]:
 def test_the_way_that_leaves_far_less_is_taken(monkeypatch: pytest.MonkeyPatch, stuck: bool) -> None:
     """From the wrong effect the search goes on to the right one as well, or is stuck; from nothing it finds it."""
     forward, wrong = begun()
-    steps = [Step(wrong.terms, 1.0, 0.9)]
+    steps, pairs = [Step(wrong.terms, 1.0, 0.9)], []
     cause: Values = {TRACK: 1.3}
     right, both = fit_all(forward.problem, [cause, {**wrong.values, **cause}])
 
     def go_on(self: Forward, beam: list[Fit], taken: list[Step]) -> tuple[list[Fit], list[Step], list[Fit]]:
+        pairs.append(self.settings.pairs.always)
         if beam[0] is self.base:
             return [right], [*taken, Step(right.terms, 1.0, 0.1)], []
         return ([beam[0]], taken, []) if stuck else ([both], [*taken, Step(both.terms, 0.9, 0.1)], [])
@@ -54,6 +55,7 @@ def test_the_way_that_leaves_far_less_is_taken(monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.setattr(Forward, "go_on", go_on)
     beam, way, _ = forward.from_both([wrong], steps)
     assert beam[0] is (right if stuck else both)
+    assert pairs == [False, True]  # from the nominal model with pairs in any case
     assert way[0].terms == (right.terms if stuck else wrong.terms)
 
 

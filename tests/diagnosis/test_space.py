@@ -15,7 +15,7 @@ from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.logs.run import Run
-from residual_mpc.models.settings import Knob
+from residual_mpc.models.settings import Knob, Term
 
 
 def space_of(robot: MujocoRobot, speeds: tuple[float, float]) -> Space:
@@ -23,6 +23,13 @@ def space_of(robot: MujocoRobot, speeds: tuple[float, float]) -> Space:
     references = {("torque", j): 0.4 for j in robot.joints}
     references |= {("torque/speed", j): 0.4 / w for j, w in zip(robot.joints, speeds, strict=True)}
     return Space(robot, {e.name: robot.slots(e.name) for e in LIBRARY}, (), (), references, {})
+
+
+@pytest.mark.parametrize(("actuators", "servoed"), [(SERVOS, ["j1", "j2"]), (MIXED, [])])
+def test_a_ripple_leads_only_at_servos_with_damping(tmp_path: Path, actuators: str, servoed: list[str]) -> None:
+    space = space_of(robot_of(tmp_path, arm_xml(actuators)), (0.5, 2.0))
+    leading = [j for j in ("j1", "j2") if space.optional(Term("torque_ripple", j))]
+    assert leading == servoed
 
 
 def test_viscous_friction_is_at_most_what_the_motor_overcomes_at_the_runs_speed(tmp_path: Path) -> None:

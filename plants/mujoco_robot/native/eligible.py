@@ -143,8 +143,8 @@ def _compared_bounded(model: mujoco.MjModel, program: Compiled, saturating: bool
 
 
 def _tried(model: mujoco.MjModel, rubs: bool, stops: bool, rubbing: tuple[int, ...]) -> mujoco.MjModel:
-    """A model with just those frictions and stops that its program is for: rows may lack what their model has, such as
-    friction that sits behind the gears."""
+    """The model with exactly the frictions and stops that the program implements: rows may have fewer than the model,
+    for example if friction has moved behind the gears."""
     rng, tried = np.random.default_rng(0), copy(model)
     tried.opt.tolerance, tried.opt.ls_tolerance = 0.0, 1e-6
     most = np.maximum(model.dof_M0, 1e-6) * rng.uniform(0.0, 5.0, model.nv)

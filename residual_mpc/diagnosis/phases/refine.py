@@ -13,7 +13,6 @@ from residual_mpc.diagnosis.fit.least_limits import with_least_limits
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
 from residual_mpc.diagnosis.fit.marginalisation import carrying, tolerant
 from residual_mpc.diagnosis.fit.omitted_effects import shifts_beside
-from residual_mpc.diagnosis.fit.other_windows import apart_on
 from residual_mpc.diagnosis.fit.polish import Polished, carry_on, polish
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.prepare import Prepared
@@ -23,7 +22,7 @@ from residual_mpc.diagnosis.predict.horizons import HorizonWindows
 from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
-from residual_mpc.diagnosis.predict.problem import Problem, build_problem, part_of, reweigh, times_longer
+from residual_mpc.diagnosis.predict.problem import Problem, build_problem, part_of, times_longer
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.tolerances import small_differences
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation, MarginalisedFit
@@ -40,7 +39,6 @@ from residual_mpc.diagnosis.search.optional_numbers import (
 from residual_mpc.effects.sensor import SENSOR_OUTLIERS
 from residual_mpc.models.settings import Settings, Term, Values
 
-UNHEARD = 1e6  # times the standard deviation of a channel, with which it says nothing
 LAST_RESORT = 4  # times the columns that small differences may have, on the fewest windows that will do
 
 
@@ -80,7 +78,7 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     explanation = FittedExplanation(
         prepared.raw, prepared.clean, prepared.scales, prepared.kept, prepared.held, prepared.free, problem, before,
         final, polished.ends, rivalry, searched.untestable, prepared.outliers, with_outliers, unnamed, vetoed, doubtful,
-        expected, tolerated, omitted, apart=_seen_otherwise(prepared, problem, final, times),
+        expected, tolerated, omitted,
     )  # fmt: skip
     return Refined(explanation, prepared.longer, options)
 
@@ -118,27 +116,6 @@ def _with_small_differences(
         return None, omitted
     marginalised = fit_all(wide, [final.values], phases.marginal_steps, settings=settings)[0]
     return MarginalisedFit(wide, marginalised, part, plain), omitted
-
-
-def _seen_otherwise(prepared: Prepared, problem: Problem, final: Fit, times: int) -> tuple[Values, ...]:
-    """The numbers that windows of other horizons contradict, of horizons with enough windows, or the compared channels
-    without what is measured beside them."""
-    options, settings, out = prepared.options, prepared.options.settings, list[Values]()
-    compared = problem.data.compared.any(axis=0)
-    if final.terms and not compared.all():
-        alone = reweigh(problem, np.where(compared, 1.0, UNHEARD) / problem.weight)
-        out.append(apart_on(problem, final, alone, settings=settings.fit))
-    looks = [(prepared.fitting, prepared.scales), *(look.free for look in prepared.longer if look.free is not None)]
-    for data, scales in looks if final.terms else ():
-        data = data.take(evenly(data, options.final_steps // 2, settings=settings.data))
-        blocks = len(np.unique(blocks_of(data, settings=settings.fit)))
-        if data.horizon == problem.data.horizon or blocks < options.phases.blocks:
-            continue
-        other = build_problem(
-            data, prepared.space, 1.0 / problem.weight, scales.motion, times=times, settings=settings.predict
-        )
-        out.append(apart_on(problem, final, trusting(other, final.values, scales, settings), settings=settings.fit))
-    return tuple(v for v in out if v)
 
 
 def cross_validated_shrink(

@@ -1,4 +1,4 @@
-"""Which effects come into question for a robot on these runs, and which of them no run here can show."""
+"""Which effects are candidates on these runs, and which are ruled out because no run can show them."""
 
 import fnmatch
 from collections.abc import Collection, Mapping, Sequence

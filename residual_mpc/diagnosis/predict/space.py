@@ -10,6 +10,7 @@ import numpy as np
 from residual_mpc.diagnosis.predict.reached_limits import MOST_RAISED, PROBED, reached_limit
 from residual_mpc.diagnosis.predict.references import BETWEEN, GIVEN, HIGHEST, LOWEST, RUN, middle_of, turned_of
 from residual_mpc.effects.library import BY_NAME, holder
+from residual_mpc.effects.position_servo import POSITION_GAIN
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Knob, Settings, Term, Values, assemble
@@ -62,7 +63,9 @@ class Space:
         return tuple(
             Knob(term.effect, term.target, p.name, term.changed)
             for p in BY_NAME[term.effect].parameters
-            if p.optional and (p.quantity != "damping behind the gear" or self._damped(term))
+            if p.optional
+            and (p.quantity != "damping behind the gear" or self._damped(term))
+            and (p.quantity != "ripple lead" or self._servoed(term))
         )
 
     def _damped(self, term: Term) -> bool:
@@ -71,6 +74,12 @@ class Space:
         slots = self.slots[term.effect] if term.target is None else (term.target,)
         nominal = self.robot.nominal()
         return any(nominal.get(f"joint.{joints.get(s, s)}.{x}", 0.0) > 0.0 for s in slots for x in RUBBING)
+
+    def _servoed(self, term: Term) -> bool:
+        """Whether a position servo with damping drives the joint of a term, or one of its joints."""
+        joints = dict(zip(self.robot.actuators, optional.actuator_joints(self.robot), strict=True))
+        slots = self.slots[term.effect] if term.target is None else (term.target,)
+        return any(joints[a] in slots for a in self.robot.slots(POSITION_GAIN.name))
 
     def whole(self, values: Values) -> Values:
         """The values with the fixed numbers of the laws among them."""

@@ -68,7 +68,8 @@ def _moved(
     turns: list[Mapping[Knob, float]] = [{}]
     for p in shapes:
         own = known[knobs[p.name]]
-        several = dict.fromkeys(p.probes[: settings.tolerances.shapes]) if own is None else (own,)
+        probes = (p.null,) if p.optional else p.probes[: settings.tolerances.shapes]
+        several = dict.fromkeys(probes) if own is None else (own,)
         turns = [{**turn, knobs[p.name]: v} for turn in turns for v in several]
     out: list[Difference] = []
     for p in parameters:

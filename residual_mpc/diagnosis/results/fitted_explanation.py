@@ -38,8 +38,7 @@ class FittedExplanation:
     whether they would be if `sensor_outliers` were not excluded. vetoed: effects that the encoders contradict,
     doubtful: that cannot be told from none on all windows. expected: the shrink, None where nothing explains anything.
     tolerated: None where there are no small differences in other numbers; omitted: how the numbers move beside one of
-    these. forms: the shape of each fitted law; apart: numbers that windows of another
-    length contradict, as those have them."""
+    these. forms: the shape of each fitted law."""
 
     raw: Dataset
     clean: Dataset
@@ -62,7 +61,6 @@ class FittedExplanation:
     tolerated: MarginalisedFit | None
     omitted: tuple[Values, ...]
     forms: Mapping[Term, str] = field(default_factory=dict)
-    apart: tuple[Values, ...] = ()
 
     @property
     def space(self) -> Space:

@@ -29,8 +29,8 @@ FROM_BELOW = "the runs bound it from below only"
 @dataclass(frozen=True, eq=False)
 class Spread:
     """What the interval of each number includes. sigma (P,): of each free number; aside: limits with small differences
-    elsewhere; others: values in sets that explain as much, beside one more small effect, on windows of another length,
-    without what is not compared, with a finer time step, and with mean speeds."""
+    elsewhere; others: values in sets that explain as much, beside one more small effect, with a finer time step, and
+    with mean speeds."""
 
     sigma: np.ndarray
     aside: Mapping[Knob, tuple[float, ...]]
@@ -49,10 +49,8 @@ def spread_of(of: FittedExplanation, varying: Container[Term], settings: ResultS
     earlier = _of_mean_speeds(of)
     held = {k: more for k in final.knobs if (more := hidden_inertia(problem.space.robot, k)) > 0.0}
     shifted = {k: tuple(final.values[k] + shift[k] for shift in of.omitted) for k in final.knobs}
-    apart = {k: tuple(values[k] for values in of.apart if k in values) for k in final.knobs}
     others = {
-        k: (*beside[k], *shifted[k], *apart[k], *([finer[k]] if k in finer else ()), *earlier.get(k, ()))
-        for k in final.knobs
+        k: (*beside[k], *shifted[k], *([finer[k]] if k in finer else ()), *earlier.get(k, ())) for k in final.knobs
     }
     others |= {k: (*others[k], final.values[k] + more) for k, more in held.items()}
     return Spread(sigma, aside, others)

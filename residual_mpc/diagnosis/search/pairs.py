@@ -25,7 +25,7 @@ ROWS = 96  # hypotheses replayed at once: bounds the memory
 
 
 def pairs(problem: Problem, alone: Fit, blocks: np.ndarray, settings: SearchSettings) -> list[Fit]:
-    """The best sets of two effects, each on all targets alike or on the only joint with a motor, cheapest first; alone:
+    """The best sets of two effects, each on all targets alike or on the only motorised joint, cheapest first; alone:
     the model without effects.
 
     A few probes of each effect with those of each other one are replayed on a quarter of the screening's windows, and
@@ -63,7 +63,7 @@ def pairs(problem: Problem, alone: Fit, blocks: np.ndarray, settings: SearchSett
 
 
 def _only_driven(robot: Robot) -> str | None:
-    """The one joint that a motor drives, of a robot whose other joints move freely; None elsewhere."""
+    """The only motorised joint of a robot that also has passive joints; None elsewhere."""
     driven = set(optional.actuator_joints(robot))
     return driven.pop() if len(driven) == 1 and len(optional.joints(robot)) > 1 else None
 

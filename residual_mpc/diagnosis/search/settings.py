@@ -56,7 +56,7 @@ class AdditionSettings:
 
 @dataclass(frozen=True)
 class PairSettings:
-    """sought: whether pairs are looked for at all; always: also where the best single effect leaves little. sketched:
+    """sought: whether pairs are looked for at all; always: also if the best single effect leaves little. sketched:
     probes of each effect that go into every pair; closely: pairs of effects of which all probes are combined. tried:
     pairs that are fitted; each: how many of these may hold one effect."""
 

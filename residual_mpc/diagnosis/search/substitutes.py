@@ -16,7 +16,7 @@ def imitate(one: Term, other: Term) -> bool:
 
 
 def _joint(term: Term) -> str | None:
-    """The target of a term, of an encoder its joint."""
+    """The target of a term; for an encoder, its joint."""
     return None if term.target is None else term.target.removeprefix("position.")
 
 

@@ -68,7 +68,7 @@ def law_curve(law: Mapping[str, Any], name: str) -> "Markup":
 
 
 def ripple_curve(ripple: Mapping[str, Any], name: str) -> "Markup":
-    """One cycle of a torque ripple of an explanation in slow motion, with the interval of its amplitude; `name` is
+    """One cycle of a torque ripple of an explanation without its lead, with the interval of its amplitude; `name` is
     unique on the page."""
     assert TORQUE_RIPPLE.step is not None
     own = {k: float(p["value"]) for k, p in ripple["parameters"].items()}

@@ -42,7 +42,8 @@ def numbers(robot: MujocoRobot, effect: Effect, rng: np.random.Generator) -> dic
     kind = kind_of(effect.name)
     for p in effect.parameters:
         size = robot.reference(p.reference, None) if p.reference in ("inertia", "mass", "length") else 1.0
-        probe = p.probes[-1] * size if p.probes else p.null
+        away = 0.0 if np.isinf(p.null) else p.null
+        probe = max(p.probes, key=lambda x: abs(x - away)) * size if p.probes else p.null
         bounds = [robot.bounds(effect.name, p.name, s) for s in slots]
         share = rng.uniform(0.3, 1.0, (ROWS, len(slots)))
         drawn = p.null + (probe - p.null) * share if np.isfinite(p.null) else probe * share
