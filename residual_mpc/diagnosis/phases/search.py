@@ -8,7 +8,7 @@ import numpy as np
 from residual_mpc.checkpoint import at_once
 from residual_mpc.diagnosis.data.dataset import Dataset, joined
 from residual_mpc.diagnosis.data.gap import Scales
-from residual_mpc.diagnosis.data.subsampling import thin, thin_whole
+from residual_mpc.diagnosis.data.subsampling import thin_whole
 from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
 from residual_mpc.diagnosis.fit.marginalisation import carrying
@@ -252,7 +252,7 @@ def _on(
     options, space, settings = prepared.options, prepared.space, prepared.options.settings
     # a small robot simulates faster, and a servo on the bench has few windows in all
     budget = int(options.search_steps * np.clip(6.0 / len(space.robot.states), 1.0, 5.0))
-    few = (thin if start is None else thin_whole)(windows, budget, settings=settings.data)
+    few = thin_whole(windows, budget, settings=settings.data)
     few = well_begun(few, scales, rng, settings=settings.predict)
     quick = quickened(few, scales, settings=settings.predict)
     own = None if quick is few else few
