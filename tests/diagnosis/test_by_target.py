@@ -83,8 +83,8 @@ def test_one_effect_on_many_targets_counts_as_two_or_as_half_of_them() -> None:
 
 
 def test_telling_apart_comes_before_an_addition_that_leaves_far_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A drift is there too, and convincing on its own; no wheel is offered a number of its own as an addition. No pair is
-    looked for, which the gain and the drift would be."""
+    """A drift is there too, and convincing on its own; no wheel is offered a number of its own as an addition. Without
+    pairs, of which the gain and the drift would be one."""
     runs = []
     for seed in range(2):
         run = rover_run(
