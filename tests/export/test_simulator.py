@@ -43,7 +43,8 @@ BESIDE = {
     "rate_limit": {"rate": 0.8}, "torque_speed_limit": {"stall_torque": 3.0, "no_load_speed": 4.0},
     "gear_efficiency": {"forward": 0.8, "backward": 0.9}, "joint_spring": {"stiffness": 2.0, "rest": 0.3},
     "torque_offset": {"torque": 0.2}, "end_stop": {"position": 0.15}, "base_tilt": {"roll": 0.05, "pitch": -0.1},
-    "torque_ripple": {"amplitude": 0.3, "cycles": 9.0, "phase": 0.5}, "gravity_compensation": {"share": 0.8},
+    "torque_ripple": {"amplitude": 0.3, "cycles": 9.0, "phase": 0.5, "lead": 0.02},
+    "gravity_compensation": {"share": 0.8},
 }  # fmt: skip
 SERVOS_ALONE = {"servo_integral": {"gain": 3.0}, "position_gain": {"gain": 1.3}}
 

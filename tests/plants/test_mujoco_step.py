@@ -175,7 +175,10 @@ EFFECTS = [
     {("gravity_compensation", None, "share"): 0.9, ("payload", None, "mass"): 0.8, ("base_tilt", None, "roll"): 0.1},
     {("torque_speed_limit", "elbow", "stall_torque"): 30.0, ("torque_speed_limit", "elbow", "no_load_speed"): 2.0},
     {("rate_limit", "elbow", "rate"): 0.5},
-    {("torque_ripple", "elbow", k): v for k, v in {"amplitude": 8.0, "cycles": 7.5, "phase": 0.3}.items()},
+    {
+        ("torque_ripple", "elbow", name): value
+        for name, value in {"amplitude": 8.0, "cycles": 7.5, "phase": 0.3, "lead": 0.02}.items()
+    },
     {("servo_integral", "shoulder_lift", "gain"): 3.0},
     {("position_gain", "shoulder_lift", "gain"): 0.6},
     {("position_gain", None, "gain"): 1.5, ("actuator_gain", "elbow", "gain"): 0.8},
