@@ -37,7 +37,7 @@ def settle(
     sized: tuple[set[Term], ...] = (),
 ) -> tuple[Any, list[Any]]:
     """What stays of a delay and a gain if they predict these gains, each time that they are measured; the fits.
-    nothing: the changes whose numbers came to nothing; sized: those that have a size, each time that it is asked."""
+    nothing: the changes whose numbers came to nothing; sized: for each call, the changes whose size is established."""
     fits: list[Any] = []
     measured, asked = iter(gains), iter(sized)
 

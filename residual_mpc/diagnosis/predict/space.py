@@ -71,15 +71,19 @@ class Space:
     def _damped(self, term: Term) -> bool:
         """Whether the model has friction at the joint of a gear, or at any where the term acts on all."""
         joints = dict(zip(self.robot.actuators, optional.actuator_joints(self.robot), strict=True))
-        slots = self.slots[term.effect] if term.target is None else (term.target,)
+        slots = self._slots(term)
         nominal = self.robot.nominal()
         return any(nominal.get(f"joint.{joints.get(s, s)}.{x}", 0.0) > 0.0 for s in slots for x in RUBBING)
 
     def _servoed(self, term: Term) -> bool:
         """Whether a position servo with damping drives the joint of a term, or one of its joints."""
         joints = dict(zip(self.robot.actuators, optional.actuator_joints(self.robot), strict=True))
-        slots = self.slots[term.effect] if term.target is None else (term.target,)
+        slots = self._slots(term)
         return any(joints[a] in slots for a in self.robot.slots(POSITION_GAIN.name))
+
+    def _slots(self, of: Knob | Term) -> tuple[str, ...]:
+        """The targets on which a number or a term acts."""
+        return self.slots[of.effect] if of.target is None else (of.target,)
 
     def whole(self, values: Values) -> Values:
         """The values with the fixed numbers of the laws among them."""
@@ -93,7 +97,7 @@ class Space:
         kind = BY_NAME[knob.effect].parameter(knob.parameter).reference
         if kind == "one":
             return 1.0
-        slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
+        slots = self._slots(knob)
         if kind == "reach":
             return (self.turned(knob) or 1.0) if slots and set(slots) <= optional.sliding(self.robot) else 1.0
         if kind == "extremes":
@@ -153,7 +157,7 @@ class Space:
 
     def turned(self, knob: Knob) -> float:
         """rad through which a joint turns in the runs, the one of a term's slots that turns most."""
-        slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
+        slots = self._slots(knob)
         return max(turned_of(self.references, s) for s in slots)
 
     def probes(self, term: Term) -> list[Values]:
@@ -184,7 +188,7 @@ class Space:
         """The model's limit of forces that the term may raise, see `reached_limits`; 0 where there is none."""
         if BY_NAME[term.effect].site != "limit":
             return 0.0
-        slots = self.slots[term.effect] if term.target is None else (term.target,)
+        slots = self._slots(term)
         return reached_limit(self.robot, self.references, slots)
 
     def _raised(self, term: Term) -> list[Values]:
@@ -197,7 +201,7 @@ class Space:
         needs for these motions; empty for other effects and robots. The other doses lie too far below it."""
         if BY_NAME[term.effect].parameters[0].quantity != "dry friction":
             return []
-        slots = self.slots[term.effect] if term.target is None else (term.target,)
+        slots = self._slots(term)
         given, needed = (max(self.references.get((kind, s), 0.0) for s in slots) for kind in (GIVEN, "torque"))
         if given < FAR_MORE * needed:
             return []
@@ -209,7 +213,7 @@ class Space:
     def _probe(self, knob: Knob, x: float) -> float:
         """The value that a probe x stands for."""
         kind = BY_NAME[knob.effect].parameter(knob.parameter).reference
-        slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
+        slots = self._slots(knob)
         if kind == "reach":
             middles = [middle_of(self.references, s) for s in slots]
             return x * self.reference(knob) + float(np.median(middles))
@@ -235,7 +239,7 @@ class Space:
         """N m s/rad with which a joint at its typical speed would take all that its motor gives; inf where nothing is
         known of the motor."""
         friction, torque = holder("dry friction")
-        slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
+        slots = self._slots(knob)
         slots = tuple(s for s in slots if s in self.slots[friction])
         torques = (self.robot.bounds(friction, torque, s)[1] / self._speed(s) for s in slots)
         return min(torques, default=np.inf)
@@ -247,5 +251,5 @@ class Space:
     def _largest(self, kind: str, knob: Knob) -> float:
         if kind in ("1/run", "1/torque"):
             return self.reference(knob)
-        slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
+        slots = self._slots(knob)
         return max(self.references.get((kind, s), np.inf) for s in slots)
