@@ -36,7 +36,7 @@ def build(robot: RobotFile) -> SteppingMujoco:
         )
     path = str(robot.model)
     with collected_warnings() as warnings:
-        spec, model, held = compile_model(path, robot.actuators, robot.held)
+        spec, model, held = compile_model(path, robot.actuators, robot.held, robot.payload_site)
         base = find_base(model, robot.pose_body, path)
         _say_unmeasured(model, base, path)
         _refuse_undriven(model, path)
@@ -74,10 +74,13 @@ def _payload_site(model: "mujoco.MjModel", robot: RobotFile) -> tuple[tuple[int,
     if robot.payload_site is not None:
         site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, robot.payload_site)
         if site < 0:
-            known = ", ".join(model.site(i).name for i in range(model.nsite)) or "none"
+            sites = [model.site(i).name for i in range(model.nsite)]
+            bodies = [model.body(i).name for i in range(1, model.nbody)]
+            known = ", ".join(name for name in dict.fromkeys(sites + bodies) if name)
             raise BadInput(
-                f"payload_site {robot.payload_site!r} is not a site of the model", robot.name, f"its sites are: {known}"
-            )
+                f"payload_site {robot.payload_site!r} is neither a site nor a body of the model", robot.name,
+                f"the model has: {known}",
+            )  # fmt: skip
         return _at_site(model, site)
     body = model.nbody - 1
     sites = [i for i in range(model.nsite) if int(model.site_bodyid[i]) == body]

@@ -58,7 +58,7 @@ class Options:
     without_because: Mapping[Term, str] = field(default_factory=dict)
     held_out: tuple[KeptBack, ...] | None = None
     start: Values = field(default_factory=dict)
-    search_steps: int = 32_000
+    search_steps: int = 16_000
     final_steps: int = 100_000
     settings: ResultSettings = field(default_factory=ResultSettings)
     phases: PhaseSettings = field(default_factory=PhaseSettings)

@@ -16,8 +16,10 @@ BUILT_IN: tuple[Effect, ...] = (
     *actuator.EFFECTS,
     *position_servo.EFFECTS,
     *drive.EFFECTS,
+    *surroundings.TORQUES,
+    body.GEAR_EFFICIENCY,
+    *surroundings.CONSTRAINTS,
     *body.EFFECTS,
-    *surroundings.EFFECTS,
     *contact.EFFECTS,
     *sensor.EFFECTS,
 )

@@ -139,4 +139,6 @@ GRAVITY_COMPENSATION = Effect(
     nouns={"share": Noun("gravity compensation", appears="gravity compensation", article="", size="share")},
 )
 
-EFFECTS = (JOINT_SPRING, TORQUE_OFFSET, TORQUE_RIPPLE, END_STOP, BASE_TILT, GRAVITY_COMPENSATION)
+# the contract's table lists the efficiency of a gear between these two
+TORQUES = (JOINT_SPRING, TORQUE_OFFSET, TORQUE_RIPPLE)
+CONSTRAINTS = (END_STOP, BASE_TILT, GRAVITY_COMPENSATION)

@@ -115,7 +115,7 @@ def _noise(value: object, key: str, where: str, _: Path) -> dict[str, float]:
 def _actuators(value: object, key: str, where: str, _: Path) -> dict[str, Actuator]:
     if not isinstance(value, dict):
         raise wrong_value(value, "a set of tables [actuator.<joint>]", key, where)
-    return read_actuators(value, where)
+    return read_actuators(value, where, _misplaced)
 
 
 def _motors(value: object, key: str, where: str, _: Path) -> dict[tuple[str, str], float | str]:

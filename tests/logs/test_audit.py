@@ -161,6 +161,7 @@ def test_a_servos_command_is_compared_over_its_gear(gear: float) -> None:
         (lambda c: c.update({"position.a": np.repeat(c["position.a"][::4], 4)}), "info", "slow sensor", "position.a"),
         (lambda c: c["position.a"].__setitem__(np.arange(1000) % 3 > 0, np.nan), "info", "slow sensor", "position.a"),
         (lambda c: c.update({"command.a": np.clip(c["command.a"], -0.4, 0.4)}), "info", "clipped command", "command.a"),
+        (lambda c: c.update({"command.a": c["velocity.a"].copy()}), "warning", "kind of drive", "command.a"),
         (lambda c: c.update({"enabled.a": np.repeat([1.0, 0.0], 500)}), "info", "motor off", "enabled.a"),
     ],
 )
@@ -185,6 +186,7 @@ def test_a_planted_fault_of_an_arm_is_found(fault: Fault, severity: str, kind: s
         (wrapped("pose.theta", 2.0 * np.pi), "info", "wrapped angle", "pose.theta"),
         (wrapped("pose.theta", 360.0), "error", "degrees", "pose.theta"),
         (swapped("pose.x", "pose.y"), "error", "swapped", "pose.x"),
+        (lambda c: c.update({"pose.theta": c["pose.theta"] - 0.6}), "warning", "frames", "pose.theta"),
         (scaled(1000.0, "pose.x", "pose.y"), "warning", "unit", "pose.x"),
         (without_encoders(scaled(30.0 / np.pi, "command.left", "command.right")), "warning", "unit", "command.left"),
         (without_encoders(scaled(DEG, "command.left", "command.right")), "warning", "unit", "command.left"),
@@ -194,6 +196,43 @@ def test_a_planted_fault_of_an_arm_is_found(fault: Fault, severity: str, kind: s
 )
 def test_a_planted_fault_of_a_wheeled_robot_is_found(fault: Fault, severity: str, kind: str, column: str) -> None:
     assert (kind, column) in kinds(audit(with_fault(wheels(), fault), WHEELS), severity)
+
+
+def test_a_velocity_drive_that_gets_positions_is_told() -> None:
+    drives = replace(ARM, actuators=tuple(replace(a, kind="velocity") for a in ARM.actuators))
+    assert ("kind of drive", "command.a") in kinds(audit(arms(), drives), "warning")
+
+
+@pytest.mark.parametrize("angle", [0.6, -0.6, np.pi - 0.6])
+def test_the_angle_between_the_frames_is_measured(angle: float) -> None:
+    def fault(columns: Columns) -> None:
+        columns["pose.theta"] = columns["pose.theta"] - angle
+
+    (found,) = (f for f in audit(with_fault(wheels(), fault), WHEELS) if f.kind == "frames")
+    said = float(found.remedy.split("add ")[1].split(" rad")[0])
+    assert abs((said - angle + np.pi / 2) % np.pi - np.pi / 2) < 0.03  # up to half a turn: it may drive backwards
+
+
+def test_a_point_ahead_of_the_axle_that_only_drives_curves_is_not_said_to_be_in_another_frame() -> None:
+    t = 0.05 * np.arange(800)
+    speed, turn = 0.3 + 0.1 * np.sin(0.7 * t), 0.8 + 0.2 * np.sin(0.7 * t)
+    theta = np.cumsum(turn) * 0.05
+    x, y = np.cumsum(speed * np.cos(theta)) * 0.05, np.cumsum(speed * np.sin(theta)) * 0.05
+    columns = {
+        "command.left": (speed - 0.25 * turn) / 0.1,
+        "command.right": (speed + 0.25 * turn) / 0.1,
+        "pose.x": x + 0.2 * np.cos(theta),
+        "pose.y": y + 0.2 * np.sin(theta),
+        "pose.theta": theta,
+    }
+    assert "frames" not in {f.kind for f in audit([Run("curves", t, columns)], WHEELS)}
+
+
+def test_an_axis_that_rests_at_zero_is_not_said_to_be_clipped() -> None:
+    def fault(columns: Columns) -> None:
+        columns["command.a"] = np.minimum(columns["command.a"], 0.0)
+
+    assert "clipped command" not in {f.kind for f in audit(with_fault(arms(), fault), ARM)}
 
 
 def test_a_sample_that_jumps_far_away_says_nothing_of_units_or_steps() -> None:

@@ -18,11 +18,12 @@ from residual_mpc.models.settings import Settings
 
 URDF = arm_urdf(("j1", "j2"), -3, 3)
 BODY = """<body name="{name}" pos="{at} 0 0"><inertial pos="0.1 0 0.02" mass="0.5" diaginertia="0.01 0.012 0.008"/>
-  <joint name="{joint}" axis="0 1 0" range="-3 3" damping="0.1" frictionloss="0.02" actuatorfrcrange="-50 50"/>
+  <joint name="{joint}" axis="0 1 0" range="-3 3" damping="0.1" frictionloss="0.02" armature="{rotor}"
+  actuatorfrcrange="-50 50"/>
   {rest}</body>"""
-LOWER = BODY.format(name="lower", at=0.3, joint="j2", rest="")
+LOWER = BODY.format(name="lower", at=0.3, joint="j2", rotor=0.03, rest="")
 MJCF = f"""<mujoco><compiler angle="radian"/><option integrator="implicitfast"/>
-<worldbody>{BODY.format(name="upper", at=0, joint="j1", rest=LOWER)}</worldbody>
+<worldbody>{BODY.format(name="upper", at=0, joint="j1", rotor=0, rest=LOWER)}</worldbody>
 <actuator><position name="j1" joint="j1" kp="30" kv="1.5" forcerange="-4 4"/>
 <motor name="j2" joint="j2" gear="3"/></actuator>
 </mujoco>"""
@@ -34,7 +35,10 @@ limit = 4
 [actuator.j2]
 kind = "motor"
 gear = 3
+armature = 0.03
 """
+TOOL = """<link name="tool0"/><joint name="mount" type="fixed"><parent link="lower"/><child link="tool0"/>
+  <origin xyz="0.2 0 0.05"/></joint></robot>"""
 
 
 def robot_from(folder: Path, model: str, suffix: str, tables: str = "") -> MujocoRobot:
@@ -60,6 +64,9 @@ def test_it_moves_like_the_same_robot_in_mjcf(tmp_path: Path) -> None:
         ("", "no actuator"),
         (SERVOS.replace("j2", "j3"), "does not match any joint"),
         (SERVOS.replace("position", "servo"), "one of position, velocity, motor"),
+        (SERVOS.replace('"motor"', '"torque"'), 'write kind = "motor"'),
+        (SERVOS + 'payload_site = "tool0"\n', "if this is the robot's key 'payload_site', move it above the first"),
+        ('payload_site = "hand"\n' + SERVOS, "neither a site nor a body of the model"),
         (SERVOS.replace("kp = 30\n", ""), "needs kp > 0"),
         (SERVOS.replace("kp = 30", "kp = -30"), "kp must be a number >= 0, got -30"),
         (SERVOS.replace("kp = 30", 'kp = "stiff"'), "kp must be a number >= 0, got 'stiff'"),
@@ -71,7 +78,22 @@ def test_it_moves_like_the_same_robot_in_mjcf(tmp_path: Path) -> None:
 def test_what_is_declared_wrongly_is_refused(tmp_path: Path, tables: str, said: str) -> None:
     with pytest.raises(BadInput) as fault:
         robot_from(tmp_path, URDF, ".urdf", tables)
-    assert said in str(fault.value)
+    assert said in f"{fault.value} {fault.value.remedy}"
+
+
+def test_a_payload_sits_at_a_link_that_hangs_on_a_fixed_joint(tmp_path: Path) -> None:
+    named = robot_from(tmp_path, URDF.replace("</robot>", TOOL), ".urdf", f'payload_site = "tool0"\n{SERVOS}')
+    site = '<site name="tool0" pos="0.2 0 0.05"/></body>'
+    mjcf = robot_from(tmp_path, MJCF.replace("</body>", site, 1), ".xml", 'payload_site = "tool0"\n')
+    drive, start = random_drive(mjcf, 1, 300), random_start(mjcf, 1)
+    payload = {name: np.full((1, 1), value) for name, value in (("mass", 0.3), ("x", 0.0), ("y", 0.0), ("z", 0.0))}
+    heavy, channels = Settings(1, effects={"payload": payload}), ("position.j1", "position.j2")
+    mine, theirs, light = (
+        dict(r.replay(start, drive, s, channels)) for r, s in ((named, heavy), (mjcf, heavy), (mjcf, Settings(1)))
+    )
+    for channel in channels:
+        np.testing.assert_allclose(mine[channel], theirs[channel], atol=1e-9)
+        assert np.abs(light[channel] - theirs[channel]).max() > 1e-3
 
 
 def test_a_model_with_actuators_of_its_own_keeps_them(tmp_path: Path) -> None:

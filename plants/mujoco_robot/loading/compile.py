@@ -26,13 +26,18 @@ LOG = logging.getLogger(__name__)
 
 
 def compile_model(
-    path: str, actuators: Mapping[str, Actuator] | None = None, held: Sequence[str] = ()
+    path: str,
+    actuators: Mapping[str, Actuator] | None = None,
+    held: Sequence[str] = (),
+    payload_site: str | None = None,
 ) -> "tuple[mujoco.MjSpec, mujoco.MjModel, tuple[str, ...]]":
     """What the file says, the compiled model with a finite, never active force range on every actuator that had none,
     and the names of the actuators that it holds.
 
     `actuators` join by the name of the joint that they drive, `held` names joints or actuators to hold besides those
-    that act on no joint. Shapes whose files are absent are left out, and a warning says so.
+    that act on no joint. A `payload_site` that is a body and no site becomes a site at the body's origin: a URDF has
+    links, and MuJoCo merges those on fixed joints, such as `tool0`, into what carries them. Shapes whose files are
+    absent are left out, and a warning says so.
     """
     import mujoco
 
@@ -43,6 +48,8 @@ def compile_model(
         absent, others = leave_out_absent(spec, path), hold_others(spec)
         if actuators:
             _add(spec, actuators, path)
+        if payload_site is not None and spec.site(payload_site) is None and spec.body(payload_site) is not None:
+            spec.body(payload_site).add_site(name=payload_site)
         fixed = hold_joints(spec, held, path)
         mark_simple(spec, False)
         model = spec.compile()
@@ -116,6 +123,8 @@ def _add(spec: "mujoco.MjSpec", actuators: Mapping[str, Actuator], path: str) ->
             added.set_to_velocity(kv=given.kv)
         else:
             added.set_to_motor()
+        if given.armature > 0.0:
+            spec.joint(name).armature = given.armature
         if isfinite(given.limit):
             added.forcelimited, added.forcerange = True, (-given.limit, given.limit)
 

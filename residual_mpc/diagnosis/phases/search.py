@@ -252,7 +252,6 @@ def _on(
     options, space, settings = prepared.options, prepared.space, prepared.options.settings
     # a small robot simulates faster, and a servo on the bench has few windows in all
     budget = int(options.search_steps * np.clip(6.0 / len(space.robot.states), 1.0, 5.0))
-    budget = budget // 2 if space.rough else budget  # each step with contacts is MuJoCo's own
     few = thin_whole(windows, budget, settings=settings.data)
     few = well_begun(few, scales, rng, settings=settings.predict)
     quick = quickened(few, scales, settings=settings.predict)

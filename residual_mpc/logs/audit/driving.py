@@ -22,6 +22,10 @@ from residual_mpc.logs.run import FloatArray, Run
 REACH = 0.5  # s
 CLEAR = 0.7
 FASTEST = 3.0  # times the speed that a robot exceeds for a tenth of the time: faster is no motion
+ASIDE = 0.2  # rad from the heading, and the share of straight motion along that line, from which the frames may differ
+ALIGNED = 0.95
+STRAIGHT = 0.2  # of a fast turn, rad/s: slower ones count as straight,
+STRAIGHT_POWER = 0.02  # and say something from this share of the squared speed
 NEAR = 1.5  # factor within which a ratio of speeds says that a unit is wrong: a wheel's radius may be off as well
 # what would set the heading right, and the remedy
 THETA = "pose.theta is in degrees", "multiply pose.theta by pi / 180"
@@ -117,17 +121,31 @@ def _clearly_late(seen: Follow, usual: float) -> bool:
 @dataclass(frozen=True)
 class _Drive:
     """What a robot does, (n,) each: its speed along its heading and to its left, m/s; the same with the heading in
-    degrees and with x and y exchanged; the mean of its wheels' commands."""
+    degrees and with x and y exchanged; the mean of its wheels' commands; how fast its heading turns, rad/s."""
 
     along: FloatArray
     across: FloatArray
     in_degrees: FloatArray
     exchanged: FloatArray
     wheels: FloatArray
+    turning: FloatArray
 
     def share(self, along: FloatArray) -> float:
         """Of the motion, that which a speed along the heading holds."""
         return float(along @ along) / max(float(self.along @ self.along + self.across @ self.across), 1e-300)
+
+    def aside(self) -> tuple[float, float]:
+        """The angle of straight motion from the heading, rad, positive to the left, from -pi / 2 to pi / 2, and the
+        share of that motion along this line, 0 without straight motion. Driving backwards makes no difference; in a
+        curve, a tracked point beside the wheels' axle moves sideways."""
+        straight = np.abs(self.turning) <= STRAIGHT * np.quantile(np.abs(self.turning), 0.9)
+        along, across = self.along[straight], self.across[straight]
+        power = float(along @ along + across @ across)
+        if power < STRAIGHT_POWER * float(self.along @ self.along + self.across @ self.across):
+            return 0.0, 0.0
+        angle = float(0.5 * np.arctan2(2.0 * float(along @ across), float(along @ along - across @ across)))
+        line = along * np.cos(angle) + across * np.sin(angle)
+        return angle, float(line @ line) / max(power, 1e-300)
 
 
 def _driven(runs: Sequence[Run], dt: float) -> _Drive | None:
@@ -143,7 +161,8 @@ def _driven(runs: Sequence[Run], dt: float) -> _Drive | None:
         left, right = _wheels(run, dt)
         ways = ((vx, vy, theta), (vx, vy, degrees), (vy, vx, theta))
         along, in_degrees, exchanged = (v * np.cos(at) + w * np.sin(at) for v, w, at in ways)
-        found.append((along, vy * np.cos(theta) - vx * np.sin(theta), in_degrees, exchanged, 0.5 * (left + right)))
+        across, turning = vy * np.cos(theta) - vx * np.sin(theta), np.gradient(_smooth(theta), dt)
+        found.append((along, across, in_degrees, exchanged, 0.5 * (left + right), turning))
     if not found:
         return None
     whole = [np.concatenate(parts) for parts in zip(*found, strict=True)]
@@ -166,6 +185,15 @@ def _heading(runs: Sequence[Run], dt: float, radius: float | None) -> list[Findi
         return [_elsewhere("degrees", "pose.theta", share, drive.share(drive.in_degrees), *THETA)]
     if share < 0.7 and drive.share(drive.exchanged) > 0.9:
         return [_elsewhere("swapped", "pose.x", share, drive.share(drive.exchanged), *XY)]
+    aside, aligned = drive.aside()
+    if abs(aside) > ASIDE and aligned > ALIGNED:
+        way = "left" if aside > 0.0 else "right"
+        message = (
+            f"where it does not turn, the robot moves {abs(aside):.2f} rad to the {way} of its heading: the frames of "
+            "pose.theta and of pose.x and pose.y may differ"
+        )
+        remedy = f"add {aside:.4g} rad to pose.theta, or turn pose.x and pose.y back by as much"
+        return [Finding("warning", "frames", "", "pose.theta", None, message, remedy)]
     norm = np.sqrt((drive.along @ drive.along) * (drive.wheels @ drive.wheels))
     cosine = float(drive.along @ drive.wheels / norm) if norm > 0.0 else 0.0
     if share > 0.8 and cosine < -0.5:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from residual_mpc.logs.audit.facts import ActuatorFacts, RobotFacts
+from residual_mpc.logs.audit.facts import ActuatorFacts, CommandKind, RobotFacts
 from residual_mpc.logs.audit.follow import (
     Follow,
     clipped_deviations,
@@ -38,7 +39,12 @@ def check_pairing(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
         if seen is None or actuator.name in swapped:
             continue
         # a wrong unit or sign explains the rest, so that the first of these checks to speak is the last
-        findings += _units(actuator, name, seen) or _sign(actuator, name, seen) or _delay(actuator, name, seen, dt)
+        findings += (
+            _kind(actuator, runs, robot, seen, dt)
+            or _units(actuator, name, seen)
+            or _sign(actuator, name, seen)
+            or _delay(actuator, name, seen, dt)
+        )
     return findings
 
 
@@ -119,6 +125,29 @@ def _swaps(
                 )
             )
     return findings, swapped
+
+
+def _kind(
+    actuator: ActuatorFacts, runs: Sequence[Run], robot: RobotFacts, seen: Follow, dt: float
+) -> list[Finding]:
+    """A joint whose speed follows the command of its position servo, or whose position that of its velocity drive."""
+    other: CommandKind = "velocity" if actuator.kind == "position" else "position"
+    meant = replace(actuator, kind=other)
+    name = _answering(meant, runs, robot)
+    if seen.correlation.max() >= WEAK or name is None:
+        return []
+    as_meant = follow(_sources(meant, runs, dt), _answers(meant, name, runs, dt), dt, REACH)
+    strength = as_meant.correlation.max() if as_meant is not None else 0.0
+    if strength < SURE:
+        return []
+    command = f"command.{actuator.name}"
+    follows, not_ = ("speed", "position") if other == "velocity" else ("position", "speed")
+    message = (
+        f"the {follows} of {actuator.joint} follows {command} (correlation {strength:.2f}), its {not_} does not "
+        f"({float(seen.correlation.max()):.2f}), and the model drives it by a <{actuator.kind}> actuator"
+    )
+    remedy = f"make it a <{other}> actuator in the model file, or kind = \"{other}\" in the robot file"
+    return [Finding("warning", "kind of drive", "", command, None, message, remedy)]
 
 
 def _units(actuator: ActuatorFacts, name: str, seen: Follow) -> list[Finding]:

@@ -127,7 +127,7 @@ def _clipped(name: str, runs: Sequence[Run]) -> list[Finding]:
         return []
     for end, word in ((float(y.max()), "above"), (float(y.min()), "below")):
         share = float(np.mean(y == end))
-        if share > CLIPPED:
+        if share > CLIPPED and end != 0.0:  # 0 is where a drive, or an axis at its safe height, rests
             message = f"{share:.0%} of {name} is exactly {end:.5g} and no value is {word}: it may be clipped"
             return [Finding("info", "clipped command", "", name, None, message)]
     return []
