@@ -127,9 +127,7 @@ def _swaps(
     return findings, swapped
 
 
-def _kind(
-    actuator: ActuatorFacts, runs: Sequence[Run], robot: RobotFacts, seen: Follow, dt: float
-) -> list[Finding]:
+def _kind(actuator: ActuatorFacts, runs: Sequence[Run], robot: RobotFacts, seen: Follow, dt: float) -> list[Finding]:
     """A joint whose speed follows the command of its position servo, or whose position that of its velocity drive."""
     other: CommandKind = "velocity" if actuator.kind == "position" else "position"
     meant = replace(actuator, kind=other)
@@ -146,7 +144,7 @@ def _kind(
         f"the {follows} of {actuator.joint} follows {command} (correlation {strength:.2f}), its {not_} does not "
         f"({float(seen.correlation.max()):.2f}), and the model drives it by a <{actuator.kind}> actuator"
     )
-    remedy = f"make it a <{other}> actuator in the model file, or kind = \"{other}\" in the robot file"
+    remedy = f'make it a <{other}> actuator in the model file, or kind = "{other}" in the robot file'
     return [Finding("warning", "kind of drive", "", command, None, message, remedy)]
 
 
