@@ -46,7 +46,12 @@ class ByName(dict[str, Effect]):
 
 
 BY_NAME = ByName({effect.name: effect for effect in HOSTED})
-ORDER: dict[str, int] = {effect.name: place for place, effect in enumerate(HOSTED)}
+# built-in effects that the contract's table does not list come after those that it does
+_UNLISTED = {"breakaway_loss", "position_gain", "turn_gain", "turn_limit", "shared_limit", "forward_rate_limit",
+             "turn_rate_limit", "gravity_compensation", "encoder_eccentricity"}  # fmt: skip
+ORDER: dict[str, int] = {
+    effect.name: place for place, effect in enumerate(sorted(HOSTED, key=lambda effect: effect.name in _UNLISTED))
+}
 CHAINED: tuple[Effect, ...] = tuple(sorted(HOSTED, key=lambda effect: effect.rank))  # stable: ties by the table
 
 Sites = Mapping[Site, tuple[str, ...]]  # where effects can act on a robot -> its targets there

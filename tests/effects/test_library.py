@@ -2,7 +2,7 @@
 
 from residual_mpc.effects.library import ORDER
 
-# section 6 of the contract; effects that it does not list stand anywhere between
+# section 6 of the contract
 TABLE = (
     "command_delay", "dead_zone", "actuator_lag", "actuator_gain", "saturation", "voltage_sag", "backlash",
     "torque_speed_limit", "rate_limit", "servo_integral", "joint_spring", "torque_offset", "torque_ripple",
@@ -14,4 +14,4 @@ TABLE = (
 
 
 def test_effects_come_in_the_order_of_the_contracts_table() -> None:
-    assert tuple(sorted(TABLE, key=ORDER.__getitem__)) == TABLE
+    assert tuple(ORDER)[: len(TABLE)] == TABLE

@@ -78,14 +78,30 @@ def add_laws(
     What was named may then return.
     """
     search = LawSearch(of, of.data.take(evenly(of.data, settings.steps, settings=tuning.data)), tuning, settings)
-    begun = [WithLaws(of.space, of.values, {}, np.inf, np.inf)]
-    if any(k.effect != TUNE for k in of.values):
-        begun.append(WithLaws(of.space, of.base, {}, np.inf, np.inf))
-    grown = [g for b in begun if (g := _grown(search, b, rng)) is not None]
-    if not grown:
-        return None
-    spread = min(g.spread for g in grown)  # a poor fit has a large dispersion, which would excuse what it leaves
-    return min(grown, key=lambda g: g.cost + spread * _price(g.values, tuning))
+    named = _grown(search, WithLaws(of.space, of.values, {}, np.inf, np.inf), rng)
+    if all(k.effect == TUNE for k in of.values):
+        return named
+    bare = _grown(search, WithLaws(of.space, of.base, {}, np.inf, np.inf), rng)
+    if bare is None:
+        return named
+    kept = _as_it_is(search) if named is None else named
+    spread = min(bare.spread, kept.spread)  # a poor fit has a large dispersion, which would excuse what it leaves
+    costs = [g.cost + spread * _price(g.values, tuning) for g in (bare, kept)]
+    better = costs[0] < costs[1] and (_terms(of.values) <= _terms(bare.values) or _clearer(bare, kept, settings))
+    return bare if better else named
+
+
+def _as_it_is(search: LawSearch) -> WithLaws:
+    """The explanation without laws."""
+    of = search.of
+    (fit,) = fit_all(_problem(search, of.space, of.values), [of.values], 0, settings=search.tuning.fit)
+    return WithLaws(of.space, of.values, {}, fit.cost, dispersion(fit, blocks_of(search.few, settings=search.tuning.fit)))
+
+
+def _clearer(bare: WithLaws, named: WithLaws, settings: LawSettings) -> bool:
+    """Whether an explanation that gives up a named effect needs fewer terms, or leaves much less: a curve of many
+    numbers imitates any effect, and follows what the effect leaves as well."""
+    return len(_terms(bare.values)) < len(_terms(named.values)) or bare.cost < settings.instead * named.cost
 
 
 def _price(values: Values, tuning: RemainderSettings) -> float:

@@ -36,7 +36,8 @@ class LawSettings:
     a saturation, of the quantity's range. as_well: share of the squares that the best shape leaves on unseen blocks, by
     which a simpler one may leave more. other_target: share of the main component's gain from which a law that belongs
     to no joint is tried at another one as well. worth: share by which the gap on held-out windows, and the squared one
-    on folds, has to shrink; sure: standard errors that are beyond doubt."""
+    on folds, has to shrink; sure: standard errors that are beyond doubt. instead: share of what named effects leave
+    below which laws that do without one of them, and need as many terms, take its place."""
 
     most: int = 2
     passes: int = 5
@@ -54,11 +55,12 @@ class LawSettings:
     other_target: float = 0.4
     worth: float = 0.1
     sure: float = 2.0
+    instead: float = 0.5
     ripples: RippleSettings = field(default_factory=RippleSettings)
 
     def __post_init__(self) -> None:
         check_positive(self, "most", "passes", "tried", "columns", "windows", "floor_draws")
         check_positive(self, "steps", "fit_steps", "shape_steps", "places", "sure")
-        check_share(self, "as_well", "other_target", "worth")
+        check_share(self, "as_well", "other_target", "worth", "instead")
         if not 3 < self.knots <= 10:
             raise ValueError(f"LawSettings.knots must be from 4 to 10, got {self.knots}")

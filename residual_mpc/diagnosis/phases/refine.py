@@ -65,7 +65,7 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     starts = [rivalry.fit.values, found.base.values]
     polished, base = polish(problem, starts, options.final_steps, searched.scales, settings=settings.fit)
     polished, vetoed = _heed_encoders(problem, polished, options)
-    polished = _choose_numbers(problem, polished, options)
+    polished, all_free = _choose_numbers(problem, polished, options)
     polished, doubtful = _leave_doubtful(problem, polished, options)
     polished = with_least_limits(problem, polished, settings.fit)
     final, before = polished.fit, base.fit
@@ -75,6 +75,8 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     if final.terms or with_outliers:
         expected = cross_validated_shrink(prepared, problem, final, before, with_outliers, rng, times)
     tolerated, omitted = _with_small_differences(problem, searched.scales, final, options)
+    if all_free is not None:
+        omitted = (*omitted, {k: all_free.get(k, final.values[k]) - final.values[k] for k in final.knobs})
     explanation = FittedExplanation(
         prepared.raw, prepared.clean, prepared.scales, prepared.kept, prepared.held, prepared.free, problem, before,
         final, polished.ends, rivalry, searched.untestable, prepared.outliers, with_outliers, unnamed, vetoed, doubtful,
@@ -159,18 +161,22 @@ def _heed_encoders(problem: Problem, polished: Polished, options: Options) -> tu
     return _again(problem, polished, left, options), vetoed
 
 
-def _choose_numbers(problem: Problem, polished: Polished, options: Options) -> Polished:
-    """The fit with those optional numbers that all windows show, no more than the search did on few."""
+def _choose_numbers(problem: Problem, polished: Polished, options: Options) -> tuple[Polished, Values | None]:
+    """The fit with those optional numbers that all windows show, no more than the search did on few; and, where these
+    are not all that their effects have, the values with all of them free. A mass that is found off its site in one
+    direction may lie off in another, and is then another mass. None where one of them ends at a bound."""
     space, settings = problem.space, options.settings.fit
     most = len(freed(polished.fit.values))
     if not most:
-        return polished
+        return polished, None
     every = with_all_free(space, polished.fit.values)
     whole = _again(problem, polished, every, options)
     finer, blocks = finely_stepped(problem, whole.fit), blocks_of(problem.data, settings=settings)
-    gone = (*at_bounds(space, whole.fit), *unshown(space, whole.fit, finer, most, blocks, settings))
+    bounded = at_bounds(space, whole.fit)
+    gone = (*bounded, *unshown(space, whole.fit, finer, most, blocks, settings))
     kept = without_numbers(whole.fit.values, *gone)
-    return polished if kept.keys() == polished.fit.values.keys() else _again(problem, polished, kept, options)
+    chosen = polished if kept.keys() == polished.fit.values.keys() else _again(problem, polished, kept, options)
+    return chosen, whole.fit.values if gone and not bounded else None
 
 
 def _leave_doubtful(problem: Problem, polished: Polished, options: Options) -> tuple[Polished, tuple[Term, ...]]:

@@ -38,7 +38,7 @@ class FittedExplanation:
     whether they would be if `sensor_outliers` were not excluded. vetoed: effects that the encoders contradict,
     doubtful: that cannot be told from none on all windows. expected: the shrink, None where nothing explains anything.
     tolerated: None where there are no small differences in other numbers; omitted: how the numbers move beside one of
-    these. forms: the shape of each fitted law."""
+    these, and beside all optional numbers of their effects. forms: the shape of each fitted law."""
 
     raw: Dataset
     clean: Dataset

@@ -29,8 +29,8 @@ FROM_BELOW = "the runs bound it from below only"
 @dataclass(frozen=True, eq=False)
 class Spread:
     """What the interval of each number includes. sigma (P,): of each free number; aside: limits with small differences
-    elsewhere; others: values in sets that explain as much, beside one more small effect, with a finer time step, and
-    with mean speeds."""
+    elsewhere; others: values in sets that explain as much, beside one more small effect or all optional numbers,
+    with a finer time step, and with mean speeds."""
 
     sigma: np.ndarray
     aside: Mapping[Knob, tuple[float, ...]]
