@@ -32,6 +32,7 @@ from residual_mpc.diagnosis.results.step_shift import finely_stepped
 from residual_mpc.diagnosis.search.optional_numbers import (
     at_bounds,
     freed,
+    shifts_without,
     unshown,
     with_all_free,
     without_numbers,
@@ -65,7 +66,7 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     starts = [rivalry.fit.values, found.base.values]
     polished, base = polish(problem, starts, options.final_steps, searched.scales, settings=settings.fit)
     polished, vetoed = _heed_encoders(problem, polished, options)
-    polished, all_free = _choose_numbers(problem, polished, options)
+    polished, moved = _choose_numbers(problem, polished, options)
     polished, doubtful = _leave_doubtful(problem, polished, options)
     polished = with_least_limits(problem, polished, settings.fit)
     final, before = polished.fit, base.fit
@@ -75,8 +76,7 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     if final.terms or with_outliers:
         expected = cross_validated_shrink(prepared, problem, final, before, with_outliers, rng, times)
     tolerated, omitted = _with_small_differences(problem, searched.scales, final, options)
-    if all_free is not None:
-        omitted = (*omitted, {k: all_free.get(k, final.values[k]) - final.values[k] for k in final.knobs})
+    omitted = (*omitted, *({k: shift.get(k, 0.0) for k in final.knobs} for shift in moved))
     explanation = FittedExplanation(
         prepared.raw, prepared.clean, prepared.scales, prepared.kept, prepared.held, prepared.free, problem, before,
         final, polished.ends, rivalry, searched.untestable, prepared.outliers, with_outliers, unnamed, vetoed, doubtful,
@@ -161,14 +161,13 @@ def _heed_encoders(problem: Problem, polished: Polished, options: Options) -> tu
     return _again(problem, polished, left, options), vetoed
 
 
-def _choose_numbers(problem: Problem, polished: Polished, options: Options) -> tuple[Polished, Values | None]:
-    """The fit with those optional numbers that all windows show, no more than the search did on few; and, where these
-    are not all that their effects have, the values with all of them free. A mass that is found off its site in one
-    direction may lie off in another, and is then another mass. None where one of them ends at a bound."""
+def _choose_numbers(problem: Problem, polished: Polished, options: Options) -> tuple[Polished, tuple[Values, ...]]:
+    """The fit with those optional numbers that all windows show, no more than the search did on few; and how the others
+    may move its numbers, see `shifts_without`."""
     space, settings = problem.space, options.settings.fit
     most = len(freed(polished.fit.values))
     if not most:
-        return polished, None
+        return polished, ()
     every = with_all_free(space, polished.fit.values)
     whole = _again(problem, polished, every, options)
     finer, blocks = finely_stepped(problem, whole.fit), blocks_of(problem.data, settings=settings)
@@ -176,7 +175,8 @@ def _choose_numbers(problem: Problem, polished: Polished, options: Options) -> t
     gone = (*bounded, *unshown(space, whole.fit, finer, most, blocks, settings))
     kept = without_numbers(whole.fit.values, *gone)
     chosen = polished if kept.keys() == polished.fit.values.keys() else _again(problem, polished, kept, options)
-    return chosen, whole.fit.values if gone and not bounded else None
+    left_out = [k for k in gone if k not in bounded]
+    return chosen, shifts_without(space, whole.fit, left_out, blocks)
 
 
 def _leave_doubtful(problem: Problem, polished: Polished, options: Options) -> tuple[Polished, tuple[Term, ...]]:

@@ -147,6 +147,25 @@ def unshown(
     return ()
 
 
+def shifts_without(space: Space, whole: Fit, left_out: Sequence[Knob], blocks: np.ndarray) -> tuple[Values, ...]:
+    """By how much each number of a fit moves while an optional number that is left out moves by a standard deviation,
+    one way and the other: it is somewhere within its scale about its null value, and no more than its own data allow.
+
+    A mass that lies beside its site in one direction may do so in another, and is then another mass.
+    """
+    spread = covariance(whole, blocks)
+    out: list[Values] = []
+    for knob in left_out:
+        k = whole.knobs.index(knob)
+        variance = float(spread[k, k])
+        if whole.held[k] or not 0.0 < variance < np.inf:
+            continue
+        sigma = float(np.sqrt(1.0 / (1.0 / variance + 1.0 / space.scale(knob) ** 2)))
+        for side in (sigma, -sigma):
+            out.append({j: float(side * spread[i, k] / variance) for i, j in enumerate(whole.knobs) if i != k})
+    return tuple(out)
+
+
 def _towards_null(away: np.ndarray, shift: np.ndarray, inverse: np.ndarray) -> float:
     """The share of a shift (0 to 1) that brings numbers nearest to their null values."""
     size = float(shift @ inverse @ shift)
