@@ -103,6 +103,14 @@ def load_strength(ops: Ops, p: Values, tau: Array, stretches: int = MOST_KNOTS -
     return clip(ops, curve(ops, p, size, stretches), -1.0, 1.0) * tau
 
 
+def lever_strength(ops: Ops, p: Values, q: Array, tau: Array, stretches: int = MOST_KNOTS - 1) -> Array:
+    """curve(position) tau, N m (N): added to the actuators' modelled torque tau at a joint. A linkage, a cam or a cable
+    on an uneven drum drives a joint with a lever arm that changes with its position (Uicker, Pennock and Shigley, Theory
+    of Machines and Mechanisms, 2011, section 3.19). Bounds as of `load_strength`.
+    """
+    return clip(ops, curve(ops, p, q, stretches), -1.0, 1.0) * tau
+
+
 def curve_shape(knots: Sequence[float]) -> dict[str, float]:
     """The fixed parameters of a curve with these knots; those that are not used lie beyond the last and rise by 0."""
     spare = range(1, MOST_KNOTS - len(knots) + 1)
@@ -137,7 +145,9 @@ def equation(kind: LawKind) -> Callable[..., Array]:
     """(ops, parameters, quantity) -> what a law on a joint or on the base's rates adds."""
     if kind.shape == "wave":
         return wave
-    return load_strength if kind.on == "load" else curve
+    if kind.site == "law" and kind.of == "strength":
+        return load_strength if kind.on == "load" else lever_strength
+    return curve
 
 
 def rounded(kinks: Kinks) -> Ops:
@@ -180,6 +190,7 @@ def _effect(kind: LawKind) -> Effect:
 KINDS: tuple[LawKind, ...] = (
     LawKind("strength", "time", "curve", "actuator", "actuator", "strength", "1", 0.05, "one"),
     LawKind("strength", "load", "curve", "actuator", "joint", "law", "1", 0.05, "one"),
+    LawKind("strength", "position", "curve", "actuator", "joint", "law", "1", 0.05, "one"),
     LawKind("torque", "position", "wave", "body", "joint", "law", "N m", 0.1, "torque"),
     LawKind("torque", "position", "curve", "body", "joint", "law", "N m", 0.1, "torque"),
     LawKind("torque", "speed", "curve", "body", "joint", "law", "N m", 0.1, "torque"),
@@ -253,7 +264,9 @@ def published(effect: str) -> str:
 def quantities_of(effect: Effect) -> tuple[On, ...]:
     """What the torque or friction of an effect on a joint is a function of."""
     kind = kind_of(effect.name)
-    return ("position", "speed") if kind is None else (kind.on,)
+    if kind is None:
+        return ("position", "speed")
+    return ("position", "load") if kind.of == "strength" and kind.on == "position" else (kind.on,)
 
 
 def reads_clock(effect: Effect) -> bool:

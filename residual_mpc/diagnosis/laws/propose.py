@@ -15,7 +15,13 @@ from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.remainder.bases import factor, tooth_counts
-from residual_mpc.diagnosis.remainder.coordinates import Coordinate, coordinates, load_coordinates, own_motion
+from residual_mpc.diagnosis.remainder.coordinates import (
+    Coordinate,
+    coordinates,
+    lever_coordinates,
+    load_coordinates,
+    own_motion,
+)
 from residual_mpc.diagnosis.remainder.dependence import Tried, folds_across, try_all
 from residual_mpc.diagnosis.remainder.description import beyond_chance, evenly_spread
 from residual_mpc.diagnosis.remainder.missing_rates import MissingRate, missed_of, tempered
@@ -48,7 +54,7 @@ def propose(
     if not asked or whole <= 0.0:
         return ()
     motion = own_motion(few, predicted)
-    known = (*coordinates(few, predicted, settings=tuning), *load_coordinates(few, row))
+    known = (*coordinates(few, predicted, settings=tuning), *load_coordinates(few, row), *lever_coordinates(few, predicted, row))
     every = [c for c in known if c.kind in SUPPORTED]
     tried = beyond_chance(try_all(few, asked, every, motion, rng, settings=tuning), tuning.description.worth)
     out: dict[Term, Proposal] = {}
@@ -80,6 +86,7 @@ JOINT_LAWS: Mapping[tuple[str, str], tuple[tuple[str, str, str], ...]] = {
     ("direction", "added"): (("torque", "speed", "curve"),),
     ("command", "added"): (("torque", "command", "curve"),),
     ("load", "added"): (("strength", "load", "curve"),),
+    ("lever", "added"): (("strength", "position", "curve"),),
     ("time", "added"): (("torque", "time", "curve"),),
     ("time", "direction"): (("friction", "time", "curve"),),
     ("time", "speed"): (("friction", "time", "curve"),),
@@ -134,6 +141,8 @@ def _shapes(
         times = -factor("direction", motion[m.name])
     elif kind.on == "load":
         z, times = np.abs(z), z
+    elif c.kind == "lever" and c.times is not None:
+        times = c.times
     elif kind.of == "strength":
         times = motion[m.name]
     turns = tooth_counts(c, settings=tuning) if kind.shape == "wave" else ()

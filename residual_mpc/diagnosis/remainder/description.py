@@ -129,4 +129,4 @@ def evenly_spread(count: int, most: int) -> np.ndarray:
 
 
 def _take(c: Coordinate, keep: np.ndarray) -> Coordinate:
-    return Coordinate(c.name, c.kind, c.of, c.unit, c.z[keep], c.turn, None if c.speed is None else c.speed[keep])
+    return Coordinate(c.name, c.kind, c.of, c.unit, c.z[keep], c.turn, None if c.times is None else c.times[keep])

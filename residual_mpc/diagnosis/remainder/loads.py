@@ -15,10 +15,8 @@ Loads = Mapping[str, np.ndarray]  # joint -> (W, M) N m (N)
 
 
 def joint_loads(data: Dataset, settings: Settings) -> Loads:
-    """The actuators' torques at every sample, by the model (settings, one row); 0 where padded.
-
-    Only of joints that can have a law of their load, and not of those whose commands are all torques: a law of the
-    command is the same there.
+    """The actuators' torques at every sample, by the model (settings, one row); 0 where padded. Only of joints that can
+    have a law of their load.
     """
     out: dict[str, np.ndarray] = {}
     for block in data.blocks:
@@ -53,6 +51,5 @@ def _shares(robot: Robot) -> dict[str, tuple[str, float]]:
     if not hosts:
         return {}
     joints = optional.actuator_joints(robot)
-    asked = {j for j, kind in zip(joints, robot.command_kinds, strict=True) if j in hosts and kind != "torque"}
     every = zip(robot.actuators, joints, optional.gear_ratios(robot), strict=True)
-    return {a: (joint, ratio) for a, joint, ratio in every if joint in asked}
+    return {a: (joint, ratio) for a, joint, ratio in every if joint in hosts}

@@ -15,6 +15,7 @@ LIKE = {
     ("torque", "position"): "like a cable or a spring",
     ("friction", "position"): "like friction that is not the same everywhere",
     ("friction", "time"): "like grease that warms up",
+    ("strength", "position"): "like a linkage or a cable whose lever arm changes",
     ("strength", "load"): "like a supply or a motor that weakens under load",
     ("strength", "time"): "like motors or a battery that change during a run",
     ("rate", "turning"): "like wheels that do not grip alike in all turns",
@@ -68,7 +69,7 @@ def _like(law: Law) -> str:
 
 
 def _actuator(law: Law, target: object) -> str:
-    if _quantity(law) == "load":  # a law on a joint
+    if _quantity(law) in ("load", "position"):  # a law on a joint
         return f"the actuator of {called('joint', target)}" if target else "the actuator of the joint"
     return called("actuator", target) if target else "every actuator"
 
