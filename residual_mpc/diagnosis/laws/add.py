@@ -177,7 +177,7 @@ def _added(search: LawSearch, space: Space, values: Values, rng: np.random.Gener
     best = _cheapest(fits, new, search)
     if not _predicts(search, space, current.values, fits[best], rng):
         return None
-    law, problem, fit = _shaped(search, problem, new[best], fits[best])
+    law, problem, fit = _best_shaped(search, problem, new, fits, best)
     fit = _needed(search, problem, fit)
     return _with_laws(search, problem.space, fit, {law.term: law} if is_law(law.term.effect) else {})
 
@@ -195,6 +195,22 @@ def _with_laws(search: LawSearch, space: Space, fit: Fit, laws: Mapping[Term, Pr
     fixed = {k: v for k, v in space.fixed.items() if k.term in chosen}
     spread = dispersion(fit, blocks_of(search.few, settings=search.tuning.fit))
     return WithLaws(replace(space, fixed=fixed), fit.values, laws, fit.cost, spread)
+
+
+def _best_shaped(
+    search: LawSearch, problem: Problem, new: Sequence[Proposal], fits: Sequence[Fit], best: int
+) -> tuple[Proposal, Problem, Fit]:
+    """The best term in its best shape. Where that is a named effect, a law that fits as well even in its simplest shape
+    may do much better in a richer one."""
+    chosen = _shaped(search, problem, new[best], fits[best])
+    rivals = [i for i, p in enumerate(new) if is_law(p.term.effect) and fits[i].cost < fits[best].cost and p.richer]
+    if is_law(new[best].term.effect) or not rivals:
+        return chosen
+    k = min(rivals, key=lambda i: fits[i].cost)
+    other = _shaped(search, problem, new[k], fits[k])
+    both = [(law, fit) for law, _, fit in (chosen, other)]
+    place = _cheapest([fit for _, fit in both], [law for law, _ in both], search)
+    return (chosen, other)[place]
 
 
 def _shaped(search: LawSearch, problem: Problem, law: Proposal, fit: Fit) -> tuple[Proposal, Problem, Fit]:
