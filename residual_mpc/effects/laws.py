@@ -104,9 +104,8 @@ def load_strength(ops: Ops, p: Values, tau: Array, stretches: int = MOST_KNOTS -
 
 
 def lever_strength(ops: Ops, p: Values, q: Array, tau: Array, stretches: int = MOST_KNOTS - 1) -> Array:
-    """curve(position) tau, N m (N): added to the actuators' modelled torque tau at a joint. A linkage, a cam or a cable
-    on an uneven drum drives a joint with a lever arm that changes with its position (Uicker, Pennock and Shigley, Theory
-    of Machines and Mechanisms, 2011, section 3.19). Bounds as of `load_strength`.
+    """curve(position) tau, N m (N): added to the actuators' modelled torque tau at a joint. The lever arm of a linkage,
+    a cam or a cable on an uneven drum changes with the position. Bounds as of `load_strength`.
     """
     return clip(ops, curve(ops, p, q, stretches), -1.0, 1.0) * tau
 

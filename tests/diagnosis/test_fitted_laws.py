@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oracles.hidden_laws import knocked, one_sided_run, write_rotor, write_weakening
+from oracles.hidden_laws import knocked, lever, one_sided_run, write_linkage, write_rotor, write_weakening
 from oracles.rover_log import ROBOT, write_run
 
 import residual_mpc as rm
@@ -104,6 +104,20 @@ def test_a_supply_that_weakens_under_load_is_no_limit_and_no_gain(tmp_path: Path
     assert by_name["coulomb_friction"]["parameters"]["torque"]["value"] == pytest.approx(0.05, abs=0.01)
     assert "weakens under load" in law["sentence"]
     assert found.gap["after"] < 0.1 * found.gap["before"] and found.verdict == "partial"
+
+
+@pytest.mark.slow
+def test_a_linkage_is_a_law_of_the_position_and_no_spring(tmp_path: Path) -> None:
+    """The torque that is missing depends on the position, as a spring's does, and on the load."""
+    write_linkage(tmp_path)
+    found = rotor(tmp_path, only=("joint_spring", "torque_offset", "actuator_gain", "coulomb_friction", "fitted_law"))
+    (law,) = found.explanation
+    assert (law["effect"], law["of"], law["on"]) == ("fitted_law", "strength", "the position of j")
+    q = np.linspace(-0.6, 0.6, 7)  # rad, where the arm is most of the time
+    share = 1.0 + np.interp(q, law["knots"], law["values"])
+    np.testing.assert_allclose(share, [lever(x) for x in q], atol=0.05)
+    assert "like a linkage" in law["sentence"]
+    assert found.gap["after"] < 0.25 * found.gap["before"] and found.verdict == "partial"
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,18 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from residual_mpc.effects.laws import KINDS, LAWS, curve, curve_shape, is_law, points_of, published, rounded, wave
+from residual_mpc.effects.laws import (
+    KINDS,
+    LAWS,
+    curve,
+    curve_shape,
+    is_law,
+    points_of,
+    published,
+    quantities_of,
+    rounded,
+    wave,
+)
 from residual_mpc.effects.library import BY_NAME, HOSTED, LIBRARY
 from residual_mpc.effects.ops import NUMPY, casadi_ops
 from residual_mpc.export.soften import kinks
@@ -49,7 +60,8 @@ def test_a_law_at_null_adds_nothing(law) -> None:
     null = {p.name: np.full((1, 1), p.null) for p in law.parameters}
     assert is_null(law.name, null).all()
     if law.port == "law":
-        np.testing.assert_array_equal(law.step(NUMPY, null, Z), np.zeros_like(Z)[None])
+        signals = [Z] * len(quantities_of(law))
+        np.testing.assert_array_equal(law.step(NUMPY, null, *signals), np.zeros_like(Z)[None])
     else:
         np.testing.assert_array_equal(law.step(NUMPY, null, (), Z, 3.0, 0.01)[0], Z[None])
 

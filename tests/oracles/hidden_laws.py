@@ -1,5 +1,5 @@
 """Logs of robots with a cause that no library names: a rotor that cogs or is knocked about, an arm whose supply weakens
-under load, a rover that turns less to one side."""
+under load, an arm behind a linkage, a rover that turns less to one side."""
 
 from __future__ import annotations
 
@@ -80,6 +80,41 @@ def write_weakening(folder: Path, weakens: float, friction: float, runs: int = 6
     (folder / "robot.toml").write_text('name = "arm"\nplant = "mujoco"\nmodel = "arm.xml"\n')
     for seed in range(runs):
         write_run(weakening_run(seed, weakens, friction), folder)
+    return folder / "robot.toml"
+
+
+def lever(q: float) -> float:
+    """The share of its modelled torque with which a linkage drives an arm."""
+    return 1.0 + 0.35 * math.sin(1.9 * q + 0.6)
+
+
+def linkage_run(seed: int, seconds: float = 8.0) -> Run:
+    """A level arm whose servo works through a linkage; explicit Euler steps of 0.25 ms."""
+    rng, fine = np.random.default_rng(seed), 2.5e-4
+    every, n = round(0.01 / fine), round(seconds / 0.01)
+    t = np.arange(n) * 0.01
+    frequency, phase, size = rng.uniform(0.2, 1.1, 3), rng.uniform(0.0, 6.28, 3), rng.uniform(0.3, 0.5)
+    sent = size * np.sin(2 * np.pi * frequency * t[:, None] + phase).sum(axis=1)
+    q, w, seen = float(sent[0]), 0.0, np.empty(n)
+    for k, command in enumerate(sent.tolist()):
+        seen[k] = q
+        for _ in range(every):
+            asked = min(max(6.0 * (command - q) - 0.4 * w, -FORCE), FORCE)
+            w += fine * asked * lever(q) / INERTIA
+            q += fine * w
+    columns = {"command.m": sent, "position.j": seen + 3e-4 * rng.standard_normal(n)}
+    return Run(f"run{seed}", t, columns)
+
+
+def write_linkage(folder: Path, runs: int = 6) -> Path:
+    """Robot file, model and logs; the robot file."""
+    from oracles.rover_log import write_run
+
+    level = ARM.replace('axis="0 1 0"', 'axis="0 0 1"').replace('pos="0 0 -0.3"', 'pos="0.3 0 0"')
+    (folder / "arm.xml").write_text(level)
+    (folder / "robot.toml").write_text('name = "arm"\nplant = "mujoco"\nmodel = "arm.xml"\n')
+    for seed in range(runs):
+        write_run(linkage_run(seed), folder)
     return folder / "robot.toml"
 
 

@@ -23,6 +23,7 @@ ROVER = DiffDrive("rover", 0.033, 0.16)
 ON_JOINTS = [k for k in KINDS if k.target == "joint"]
 ON_BASE = [k for k in KINDS if k.target != "joint"]
 WEAKER = next(k for k in KINDS if k.on == "load")
+LEVER = next(k for k in KINDS if k.of == "strength" and k.on == "position")
 
 
 def law(kind: LawKind, target: str | None, size: float) -> Values:
@@ -89,15 +90,17 @@ def test_a_law_acts_in_the_step_as_in_the_replay(tmp_path: Path, kind: LawKind) 
     assert moving_apart(model, np.random.default_rng(1)) < 3e-3
 
 
-def test_an_actuator_that_weakens_under_load_is_a_weaker_servo(tmp_path: Path) -> None:
-    """Against mj_step with the servo's own law times the share that the load of the step before leaves."""
+@pytest.mark.parametrize("kind", [WEAKER, LEVER], ids=lambda k: k.on)
+def test_an_actuator_that_weakens_is_a_weaker_servo(tmp_path: Path, kind: LawKind) -> None:
+    """Against mj_step with the servo's own law times the share that the load of the step before, or the position,
+    leaves."""
     import mujoco
 
     robot = robot_of(tmp_path, arm_xml(gravity=9.81))
     drive, start = random_drive(robot, 1, 300), random_start(robot, 1)
     knots, values = [0.0, 3.0], [-0.05, -0.55]
     share = {**curve_shape(knots), "start": values[0], "rise2": values[1] - values[0]}
-    numbers = {Knob(WEAKER.name, "j2", name): value for name, value in share.items()}
+    numbers = {Knob(kind.name, "j2", name): value for name, value in share.items()}
     wanted = ("position.j1", "position.j2", *(f"output.{a}" for a in robot.actuators))
     found = robot.replay(start, drive, rows(robot, numbers), wanted)
     second = robot.actuator_joints.index("j2")
@@ -107,7 +110,7 @@ def test_an_actuator_that_weakens_under_load_is_a_weaker_servo(tmp_path: Path) -
     load = 0.0
     for k in range(300):
         data.ctrl[:] = drive.command[0, drive.lead + k]
-        data.qfrc_applied[1] = np.interp(abs(load), knots, values) * load
+        data.qfrc_applied[1] = np.interp(abs(load) if kind is WEAKER else data.qpos[1], knots, values) * load
         mujoco.mj_step(robot.model, data)
         load = float(robot.model.actuator_gear[second, 0] * data.actuator_force[second])
         assert found["position.j2"][0, k + 1] == pytest.approx(data.qpos[1], abs=1e-12)

@@ -84,24 +84,28 @@ def add_laws(
     bare = _grown(search, WithLaws(of.space, of.base, {}, np.inf, np.inf), rng)
     if bare is None:
         return named
-    kept = _as_it_is(search) if named is None else named
+    kept = _as_it_is(search, of.values) if named is None else named
     spread = min(bare.spread, kept.spread)  # a poor fit has a large dispersion, which would excuse what it leaves
     costs = [g.cost + spread * _price(g.values, tuning) for g in (bare, kept)]
-    better = costs[0] < costs[1] and (_terms(of.values) <= _terms(bare.values) or _clearer(bare, kept, settings))
+    better = costs[0] < costs[1] and (_terms(of.values) <= _terms(bare.values) or _clearer(search, bare, kept))
     return bare if better else named
 
 
-def _as_it_is(search: LawSearch) -> WithLaws:
-    """The explanation without laws."""
-    of = search.of
-    (fit,) = fit_all(_problem(search, of.space, of.values), [of.values], 0, settings=search.tuning.fit)
-    return WithLaws(of.space, of.values, {}, fit.cost, dispersion(fit, blocks_of(search.few, settings=search.tuning.fit)))
+def _as_it_is(search: LawSearch, values: Values) -> WithLaws:
+    """An explanation without laws."""
+    problem = _problem(search, search.of.space, values)
+    (fit,) = fit_all(problem, [values], 0, settings=search.tuning.fit)
+    spread = dispersion(fit, blocks_of(search.few, settings=search.tuning.fit))
+    return WithLaws(search.of.space, values, {}, fit.cost, spread)
 
 
-def _clearer(bare: WithLaws, named: WithLaws, settings: LawSettings) -> bool:
-    """Whether an explanation that gives up a named effect needs fewer terms, or leaves much less: a curve of many
-    numbers imitates any effect, and follows what the effect leaves as well."""
-    return len(_terms(bare.values)) < len(_terms(named.values)) or bare.cost < settings.instead * named.cost
+def _clearer(search: LawSearch, bare: WithLaws, named: WithLaws) -> bool:
+    """Whether an explanation that gives up a named effect needs fewer terms, or explains more by a share that counts: a
+    curve of many numbers imitates any effect, and follows some of what the effect leaves as well."""
+    if len(_terms(bare.values)) < len(_terms(named.values)):
+        return True
+    explained = _as_it_is(search, search.of.base).cost - named.cost
+    return named.cost - bare.cost > search.settings.instead * explained
 
 
 def _price(values: Values, tuning: RemainderSettings) -> float:

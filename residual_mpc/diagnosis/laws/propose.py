@@ -54,7 +54,8 @@ def propose(
     if not asked or whole <= 0.0:
         return ()
     motion = own_motion(few, predicted)
-    known = (*coordinates(few, predicted, settings=tuning), *load_coordinates(few, row), *lever_coordinates(few, predicted, row))
+    loads = (*load_coordinates(few, row), *lever_coordinates(few, predicted, row))
+    known = (*coordinates(few, predicted, settings=tuning), *loads)
     every = [c for c in known if c.kind in SUPPORTED]
     tried = beyond_chance(try_all(few, asked, every, motion, rng, settings=tuning), tuning.description.worth)
     out: dict[Term, Proposal] = {}

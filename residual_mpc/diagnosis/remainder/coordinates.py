@@ -16,8 +16,8 @@ from residual_mpc.models.settings import Settings
 @dataclass(frozen=True, eq=False)
 class Coordinate:
     """name: of what, in words; kind: of which sort (see KINDS); of: the actuator, joint or column, None for the robot;
-    z (W, M) in `unit`; turn: the period in z of what repeats, None where nothing does; times (W, M): a speed or a torque
-    that its influence is in proportion to, where it can be no other."""
+    z (W, M) in `unit`; turn: the period in z of what repeats, None where nothing does; times (W, M): a speed or a
+    torque that its influence is in proportion to, where it can be no other."""
 
     name: str
     kind: str
