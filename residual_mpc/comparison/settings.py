@@ -106,7 +106,8 @@ class ComparisonSettings:
     less than the share `faint` of what all changes explain: the model predicts no large change better than that.
     unexplained: share of the rise that may be left where the changes are to explain it. rises: ratio of the gap after
     to the gap before above which the verdict is `unknown` instead of `same`, where every later run fits far worse or
-    the sets differ.
+    the sets differ; risen: the same where the rise is beyond what runs of one set differ, as other motions alone may
+    make it.
     unlike: ratio between the sets of the size or the speed of the commands, from which the test adjusts for them, and
     a note says that they differ where the gap after is more than `worse` times that before or changes leave something;
     with such a gap, changes that leave more than half of the rise do not count as explaining it.
@@ -121,6 +122,7 @@ class ComparisonSettings:
     named: float = 0.1
     unexplained: float = 0.3
     rises: float = 3.0
+    risen: float = 1.2
     unlike: float = 1.5
     worse: float = 1.5
     suspected: float = 0.3
@@ -133,4 +135,4 @@ class ComparisonSettings:
 
     def __post_init__(self) -> None:
         check_share(self, "sure", "sure_partial", "doubtful", "faint", "named", "unexplained", "suspected", "hidden")
-        check_positive(self, "rises", "unlike", "worse", "folds")
+        check_positive(self, "rises", "risen", "unlike", "worse", "folds")

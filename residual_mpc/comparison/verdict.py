@@ -12,13 +12,14 @@ def verdict_of(
     lost: bool,
     settings: ComparisonSettings,
 ) -> str:
-    """`same`: nothing beyond what units of one set differ, or no rise of the gap by that; `changed`: nothing beyond
-    that is left, nor much of the rise of the gap. lost: whether no search found a significant change although every run
+    """`same`: nothing beyond what units of one set differ, or no rise of the gap by that, or a small one; `changed`:
+    nothing beyond that is left, nor much of the rise of the gap. lost: whether no search found a significant change although every run
     after fits far worse."""
     differs = p_left <= settings.contrast.left
     if not named:
         larger = (lost or differs) and gap.after > settings.rises * gap.before
-        return "unknown" if larger or (differs and gap.rise.visible) else "same"
+        risen = gap.rise.visible and gap.after > settings.risen * gap.before
+        return "unknown" if larger or (differs and risen) else "same"
     return "partial" if differs or unexplained > settings.unexplained else "changed"
 
 

@@ -36,8 +36,8 @@ class LawSettings:
     a saturation, of the quantity's range. as_well: share of the squares that the best shape leaves on unseen blocks, by
     which a simpler one may leave more. other_target: share of the main component's gain from which a law that belongs
     to no joint is tried at another one as well. worth: share by which the gap on held-out windows, and the squared one
-    on folds, has to shrink; sure: standard errors that are beyond doubt. instead: share of the squares that named effects
-    explain, by which laws that do without one of them, and need as many terms, have to explain more."""
+    on folds, has to shrink; sure: standard errors that are beyond doubt. instead: share of the squares that named
+    effects explain, by which laws that do without one of them, and need as many terms, have to explain more."""
 
     most: int = 2
     passes: int = 5
