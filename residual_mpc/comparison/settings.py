@@ -119,10 +119,10 @@ class ComparisonSettings:
     sure_partial: float = 0.8
     doubtful: float = 0.45
     faint: float = 0.05
-    named: float = 0.1
+    named: float = 0.3
     unexplained: float = 0.3
     rises: float = 3.0
-    risen: float = 1.2
+    risen: float = 1.25
     unlike: float = 1.5
     worse: float = 1.5
     suspected: float = 0.3

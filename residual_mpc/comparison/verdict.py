@@ -13,8 +13,8 @@ def verdict_of(
     settings: ComparisonSettings,
 ) -> str:
     """`same`: nothing beyond what units of one set differ, or no rise of the gap by that, or a small one; `changed`:
-    nothing beyond that is left, nor much of the rise of the gap. lost: whether no search found a significant change although every run
-    after fits far worse."""
+    nothing beyond that is left, nor much of the rise of the gap. lost: whether no search found a significant change
+    although every run after fits far worse."""
     differs = p_left <= settings.contrast.left
     if not named:
         larger = (lost or differs) and gap.after > settings.rises * gap.before

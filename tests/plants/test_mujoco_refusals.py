@@ -98,7 +98,7 @@ def test_what_no_robot_file_could_drive_has_no_anatomy(tmp_path: Path, xml: str,
 
 
 def test_a_payload_site_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="Its sites are: middle, tool"):
+    with pytest.raises(BadInput, match="The model has: middle, tool, upper, lower"):
         robot_of(tmp_path, arm_xml(), payload_site="flange")
 
 
