@@ -80,7 +80,7 @@ def settle(
         gone = _least_without_size(problem, fit, rivals, spread_of(problem, fit, units), settings)
         if gone is None:
             gap = compared_gap(sets, problem, fit, jumping, rng, settings)
-            gone = _predicting_nothing(gap)
+            gone = _predicting_nothing(gap, rivals, settings)
         if gone is None:
             return Settled(problem, units, fit, left, rivals, gap)
         (fit,) = fit_all(problem, [without_change(fit.values, gone)], settings=settings.results.fit)
@@ -117,7 +117,10 @@ def _least_without_size(
     return min(none, key=lambda t: rivals.parts.get(t, 1.0), default=None)
 
 
-def _predicting_nothing(gap: ComparedGap) -> Term | None:
-    """The change that predicts least, if the windows that its numbers were not fitted to fit no better with it."""
-    least = min(gap.predicted, key=lambda t: gap.predicted[t].gain, default=None)
-    return least if least is not None and gap.predicted[least].gain <= 0.0 else None
+def _predicting_nothing(gap: ComparedGap, rivals: ChangeRivals, settings: ComparisonSettings) -> Term | None:
+    """The change that predicts least, if the windows that its numbers were not fitted to fit no better with it. One
+    that is significant by its fit alone has to predict more than the standard error of what it predicts."""
+    insignificant = {c.term for c in rivals.found.changes if c.p > settings.contrast.level}
+    gains = {t: p.gain - (p.error if t in insignificant else 0.0) for t, p in gap.predicted.items()}
+    least = min(gains, key=lambda t: gains[t], default=None)
+    return least if least is not None and gains[least] <= 0.0 else None
