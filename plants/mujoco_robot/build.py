@@ -41,7 +41,7 @@ def build(robot: RobotFile) -> SteppingMujoco:
         _say_unmeasured(model, base, path)
         _refuse_undriven(model, path)
         refuse_unsupported(model, path)
-        site, axes = _payload_site(model, robot)
+        site, axes = _payload_site(spec, model, robot)
         loops = find_loops(model, path)
     for warning in warnings:
         say(path, f"MuJoCo warns: {warning}")
@@ -66,7 +66,9 @@ def _refuse_undriven(model: "mujoco.MjModel", path: str) -> None:
         )
 
 
-def _payload_site(model: "mujoco.MjModel", robot: RobotFile) -> tuple[tuple[int, np.ndarray], np.ndarray]:
+def _payload_site(
+    spec: "mujoco.MjSpec", model: "mujoco.MjModel", robot: RobotFile
+) -> tuple[tuple[int, np.ndarray], np.ndarray]:
     """(body, position in its frame (3,) m) and axes there (3, 3) of the payload: the named site, else the last body's
     last site, else its centre of mass with the body's own axes."""
     import mujoco
@@ -74,9 +76,8 @@ def _payload_site(model: "mujoco.MjModel", robot: RobotFile) -> tuple[tuple[int,
     if robot.payload_site is not None:
         site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, robot.payload_site)
         if site < 0:
-            sites = [model.site(i).name for i in range(model.nsite)]
-            bodies = [model.body(i).name for i in range(1, model.nbody)]
-            known = ", ".join(name for name in dict.fromkeys(sites + bodies) if name)
+            places = [*(s.name for s in spec.sites), *(b.name for b in spec.bodies if b.name != "world")]
+            known = ", ".join(name for name in dict.fromkeys(places) if name)
             raise BadInput(
                 f"payload_site {robot.payload_site!r} is neither a site nor a body of the model", robot.name,
                 f"the model has: {known}",

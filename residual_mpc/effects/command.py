@@ -160,6 +160,7 @@ DEAD_ZONE = Effect(
 
 BREAKAWAY_LOSS = Effect(
     name="breakaway_loss",
+    listed=False,
     stage="command",
     port="command",
     target="actuator",

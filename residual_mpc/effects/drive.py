@@ -74,6 +74,7 @@ def ramp_end(p: Values, u: np.ndarray, end: np.ndarray, y: np.ndarray, dt: float
 
 TURN_GAIN = Effect(
     name="turn_gain",
+    listed=False,
     stage="actuator",
     port="pair",
     target="robot",
@@ -93,6 +94,7 @@ TURN_GAIN = Effect(
 
 TURN_LIMIT = Effect(
     name="turn_limit",
+    listed=False,
     stage="actuator",
     port="pair",
     target="robot",
@@ -112,6 +114,7 @@ TURN_LIMIT = Effect(
 
 SHARED_LIMIT = Effect(
     name="shared_limit",
+    listed=False,
     stage="actuator",
     port="pair",
     target="robot",
@@ -133,6 +136,7 @@ SHARED_LIMIT = Effect(
 
 FORWARD_RATE_LIMIT = Effect(
     name="forward_rate_limit",
+    listed=False,
     stage="actuator",
     port="pair",
     target="robot",
@@ -153,6 +157,7 @@ FORWARD_RATE_LIMIT = Effect(
 
 TURN_RATE_LIMIT = Effect(
     name="turn_rate_limit",
+    listed=False,
     stage="actuator",
     port="pair",
     target="robot",

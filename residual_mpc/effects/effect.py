@@ -198,6 +198,7 @@ class Effect:
     interchangeable: str = ""  # effects with the same word do the same in pairs
 
     # the words
+    listed: bool = True  # in the contract's table; of a confounded group, effects that are not stand last
     phrase: Phrase | None = None
     nouns: Mapping[str, Noun] = field(default_factory=dict)  # parameter -> what it is called where it changed
     not_in_mjcf: str = ""  # why an MJCF cannot hold it; empty where it can

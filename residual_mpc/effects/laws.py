@@ -62,6 +62,11 @@ class LawKind:
         return f"{FITTED_LAW}_{self.of}_{self.on}" + ("_wave" if self.shape == "wave" else "")
 
     @property
+    def lever(self) -> bool:
+        """Whether it is a share of the load on a joint that depends on the joint's position."""
+        return self.of == "strength" and self.on == "position"
+
+    @property
     def fitted(self) -> tuple[str, ...]:
         """The parameters that say how much; the others say how it acts and are fixed before they are fitted."""
         return LEVELS if self.shape == "curve" else WAVE
@@ -144,9 +149,9 @@ def equation(kind: LawKind) -> Callable[..., Array]:
     """(ops, parameters, quantity) -> what a law on a joint or on the base's rates adds."""
     if kind.shape == "wave":
         return wave
-    if kind.site == "law" and kind.of == "strength":
-        return load_strength if kind.on == "load" else lever_strength
-    return curve
+    if kind.lever:
+        return lever_strength
+    return load_strength if kind.on == "load" else curve
 
 
 def rounded(kinks: Kinks) -> Ops:
@@ -265,7 +270,7 @@ def quantities_of(effect: Effect) -> tuple[On, ...]:
     kind = kind_of(effect.name)
     if kind is None:
         return ("position", "speed")
-    return ("position", "load") if kind.of == "strength" and kind.on == "position" else (kind.on,)
+    return ("position", "load") if kind.lever else (kind.on,)
 
 
 def reads_clock(effect: Effect) -> bool:

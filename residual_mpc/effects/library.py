@@ -1,5 +1,5 @@
-"""All effects, in the order of the contract's table (the order decides which of a confounded group is named); a user's
-own come last."""
+"""All effects, in the order of the contract's table, which decides which of a confounded group is named; effects that
+it does not list stand beside those of their kind, and after all others in `ORDER`. A user's own come last."""
 
 from collections.abc import Iterator, Mapping
 from operator import itemgetter
@@ -46,11 +46,8 @@ class ByName(dict[str, Effect]):
 
 
 BY_NAME = ByName({effect.name: effect for effect in HOSTED})
-# built-in effects that the contract's table does not list come after those that it does
-_UNLISTED = {"breakaway_loss", "position_gain", "turn_gain", "turn_limit", "shared_limit", "forward_rate_limit",
-             "turn_rate_limit", "gravity_compensation", "encoder_eccentricity"}  # fmt: skip
 ORDER: dict[str, int] = {
-    effect.name: place for place, effect in enumerate(sorted(HOSTED, key=lambda effect: effect.name in _UNLISTED))
+    effect.name: place for place, effect in enumerate(sorted(HOSTED, key=lambda effect: not effect.listed))
 }
 CHAINED: tuple[Effect, ...] = tuple(sorted(HOSTED, key=lambda effect: effect.rank))  # stable: ties by the table
 

@@ -30,6 +30,7 @@ SERVO_INTEGRAL = Effect(
 
 POSITION_GAIN = Effect(
     name="position_gain",
+    listed=False,
     stage="actuator",
     port="model",
     target="actuator",

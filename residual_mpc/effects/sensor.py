@@ -112,6 +112,7 @@ SENSOR_SCALE = Effect(
 
 ENCODER_ECCENTRICITY = Effect(
     name="encoder_eccentricity",
+    listed=False,
     stage="sensor",
     port="sensor",
     target="channel",

@@ -127,6 +127,7 @@ BASE_TILT = Effect(
 
 GRAVITY_COMPENSATION = Effect(
     name="gravity_compensation",
+    listed=False,
     stage="body",
     port="model",
     target="robot",

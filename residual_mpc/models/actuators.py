@@ -39,7 +39,7 @@ class Actuator:
 
 
 def read_actuators(
-    tables: Mapping[str, object], where: str, misplaced: Callable[[str], str] = lambda key: ""
+    tables: Mapping[str, object], where: str, misplaced: Callable[[str], str]
 ) -> dict[str, Actuator]:
     """The tables [actuator.JOINT] of a robot file, by joint. misplaced: what is said of a key that belongs elsewhere in
     the file, "" for any other.

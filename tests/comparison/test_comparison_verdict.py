@@ -31,6 +31,8 @@ def share_of(rise: GapRise, after: float = 0.2, explained: float = 0.1) -> float
         (False, 0.5, 0.0, gap(RISEN), False, "same"),
         (False, 0.5, 0.0, gap(RISEN, 0.4), False, "same"),
         (False, 0.001, 0.0, gap(RISEN), False, "unknown"),
+        (False, 0.001, 0.0, gap(RISEN, 0.13), False, "unknown"),
+        (False, 0.001, 0.0, gap(RISEN, 0.12), False, "same"),  # as other motions may make it
         (False, 0.001, 0.0, gap(NOT_RISEN), False, "same"),  # errors of another kind, as large as before
         (False, 0.001, 0.0, gap(NOT_RISEN, 0.4), False, "unknown"),  # scattered, but four times as large
         (False, 0.5, 0.0, gap(RISEN, 0.4), True, "unknown"),  # not significant, but every run after fits far worse
@@ -121,6 +123,7 @@ def test_changes_that_explain_next_to_nothing_are_not_named() -> None:
     one, jumps = (Change(Term(name, None), 0.05, 0.01, (), "", None) for name in ("payload", "sensor_outliers"))
     assert worth_naming((one,), (), "partial", "unknown", 0.05, settings) == ((), "unknown")
     assert worth_naming((one,), (), "partial", "same", 0.05, settings) == ((), "same")
+    assert worth_naming((one,), (), "partial", "unknown", 0.29, settings) == ((), "unknown")
     assert worth_naming((one, jumps), (jumps,), "partial", "unknown", 0.05, settings) == ((jumps,), "partial")
     assert worth_naming((one,), (), "partial", "unknown", 0.3, settings) == ((one,), "partial")
     assert worth_naming((), (), "same", "same", 0.05, settings) == ((), "same")

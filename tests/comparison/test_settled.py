@@ -35,9 +35,11 @@ def settle(
     gains: list[dict[Term, float]],
     nothing: tuple[Term, ...] = (),
     sized: tuple[set[Term], ...] = (),
+    p: float = 0.02,
 ) -> tuple[Any, list[Any]]:
     """What stays of a delay and a gain if they predict these gains, each time that they are measured; the fits.
-    nothing: the changes whose numbers came to nothing; sized: for each call, the changes whose size is established."""
+    nothing: the changes whose numbers came to nothing; sized: for each call, the changes whose size is established; p:
+    of the gain's own test."""
     fits: list[Any] = []
     measured, asked = iter(gains), iter(sized)
 
@@ -55,7 +57,7 @@ def settle(
     space = object.__new__(ChangeSpace)
     values = {NUMBERS[DELAY]: 0.04, NUMBERS[GAIN]: 0.9}
     fit = SimpleNamespace(values=values, cost=1.0)
-    found = FoundChanges(fit, fit, (FoundChange(DELAY, 0.01, 0.01), FoundChange(GAIN, 0.02, 0.02)), None, 1.0)  # type: ignore[arg-type]
+    found = FoundChanges(fit, fit, (FoundChange(DELAY, 0.01, 0.01), FoundChange(GAIN, p, 0.02)), None, 1.0)  # type: ignore[arg-type]
     rivals = settled.ChangeRivals(found, (), {DELAY: {DELAY: 1.0}, GAIN: {GAIN: 1.0}}, {DELAY: 0.5, GAIN: 0.5})
     monkeypatch.setattr(settled, "fit_all", fit_all)
     monkeypatch.setattr(settled, "to_the_end", lambda problem, fit, _: fit)
@@ -80,6 +82,14 @@ def test_the_change_that_predicts_least_goes_first(monkeypatch: pytest.MonkeyPat
     stays, fits = settle(monkeypatch, [{DELAY: -0.001, GAIN: -0.002}, {DELAY: 0.003}])
     assert [c.term for c in stays.rivals.found.changes] == [DELAY] and stays.left == "tested again"
     assert fits == [{NUMBERS[DELAY]: 0.04}] and stays.rivals.places == {DELAY: {DELAY: 1.0}}
+
+
+def test_what_only_a_fit_shows_has_to_predict_beyond_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The standard error of these gains is 0.01."""
+    for predicted, p, stay in ((0.009, 0.2, [DELAY]), (0.011, 0.2, [DELAY, GAIN]), (0.009, 0.02, [DELAY, GAIN])):
+        with monkeypatch.context() as patched:
+            stays, _ = settle(patched, [{DELAY: 0.02, GAIN: predicted}, {DELAY: 0.02}], p=p)
+        assert [c.term for c in stays.rivals.found.changes] == stay
 
 
 def test_nothing_may_stay(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,6 +20,7 @@ from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.search.rivals import Rivalry
 from residual_mpc.effects.laws import KINDS, LawKind, curve_shape
 from residual_mpc.effects.library import HOSTED
+from residual_mpc.models import optional
 from residual_mpc.models.settings import Knob, Term
 
 OFFSET = Term("torque_offset", "j1")
@@ -62,6 +63,16 @@ def test_a_simple_law_is_an_effect_with_a_name(space: Space, of: str, on: str, f
         assert found is None
     else:
         assert found is not None and found.term == Term(name, "j2") and found.start and not found.fixed
+
+
+def test_a_constant_share_of_the_load_is_the_gain_of_a_joints_only_actuator(space: Space) -> None:
+    at = optional.actuator_joints(space.robot).index("j2")
+    gain = Term("actuator_gain", space.robot.actuators[at])
+    found = named_twin(law("strength", "position", "constant"), replace(space, candidates=(gain,)))
+    assert found is not None and found.term == gain
+    both = SimpleNamespace(actuators=("p", "d"), actuator_joints=("j2", "j2"), slots=lambda effect: ("p", "d"))
+    alone: Any = replace(space, robot=both, candidates=(Term("actuator_gain", "p"),))  # type: ignore[arg-type]
+    assert named_twin(law("strength", "position", "constant"), alone) is None
 
 
 def test_a_law_takes_up_the_effect_that_is_its_level(space: Space) -> None:

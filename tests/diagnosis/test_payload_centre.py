@@ -18,7 +18,14 @@ from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.results.document import to_document
-from residual_mpc.diagnosis.search.optional_numbers import at_bounds, makeup, unshown, with_all_free, without_numbers
+from residual_mpc.diagnosis.search.optional_numbers import (
+    at_bounds,
+    makeup,
+    shifts_without,
+    unshown,
+    with_all_free,
+    without_numbers,
+)
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob, Term
 
@@ -160,3 +167,17 @@ def test_no_more_stay_than_were_found_nor_what_a_finer_step_turns_round() -> Non
     assert unshown(SPACE, fit, {}, 3, blocks, FitSettings()) == ()
     assert unshown(SPACE, fit, {}, 2, blocks, FitSettings()) == (Y,)
     assert unshown(SPACE, fit, {**fit.values, X: -0.04}, 3, blocks, FitSettings()) == (X,)
+
+
+def test_a_number_that_is_left_out_may_shift_the_others() -> None:
+    """What is known is 4 mass + z = 1.2: with a height of 0.1 m to either side, 25 g. Nothing else depends on it."""
+    along = np.array([4.0, 1.0]) / 0.001
+    hessian = np.diag([1.0, 1e4, 1e4, 1.0])
+    hessian[np.ix_([0, 3], [0, 3])] += np.outer(along, along)
+    fit, blocks = linear_fit((0.3, 0.08, 0.05, 0.0), hessian)
+    space: Any = SimpleNamespace(null=lambda knob: 0.0, scale=lambda knob: 0.1)
+    down, up = (shift[MASS] for shift in shifts_without(space, fit, [Z], blocks))
+    assert (down, up) == (pytest.approx(1.96 * 0.025, rel=0.02), pytest.approx(-1.96 * 0.025, rel=0.02))
+    known, _ = linear_fit((0.3, 0.08, 0.05, 0.0), np.diag([1e4, 1e4, 1e4, 1e6]))
+    for shift in shifts_without(space, known, [Z], blocks):
+        assert all(abs(by) < 0.005 for by in shift.values()) and Z not in shift

@@ -48,8 +48,9 @@ def compile_model(
         absent, others = leave_out_absent(spec, path), hold_others(spec)
         if actuators:
             _add(spec, actuators, path)
-        if payload_site is not None and spec.site(payload_site) is None and spec.body(payload_site) is not None:
-            spec.body(payload_site).add_site(name=payload_site)
+        place = None if payload_site in (None, "world") or spec.site(payload_site) else spec.body(payload_site)
+        if place is not None:
+            place.add_site(name=payload_site)
         fixed = hold_joints(spec, held, path)
         mark_simple(spec, False)
         model = spec.compile()

@@ -1,6 +1,6 @@
 """Laws added to an explanation one by one: fitted by replay, kept where they predict what they were not fitted to."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -87,14 +87,15 @@ def add_laws(
     kept = _as_it_is(search, of.values) if named is None else named
     spread = min(bare.spread, kept.spread)  # a poor fit has a large dispersion, which would excuse what it leaves
     costs = [g.cost + spread * _price(g.values, tuning) for g in (bare, kept)]
-    better = costs[0] < costs[1] and (_terms(of.values) <= _terms(bare.values) or _clearer(search, bare, kept))
+    gives_up = any(not is_law(t.effect) for t in _terms(kept.values) - _terms(bare.values))
+    better = costs[0] < costs[1] and (not gives_up or _clearer(search, bare, kept))
     return bare if better else named
 
 
 def _as_it_is(search: LawSearch, values: Values) -> WithLaws:
     """An explanation without laws."""
     problem = _problem(search, search.of.space, values)
-    (fit,) = fit_all(problem, [values], 0, settings=search.tuning.fit)
+    (fit,) = fit_all(problem, [values], search.settings.fit_steps, settings=search.tuning.fit)
     spread = dispersion(fit, blocks_of(search.few, settings=search.tuning.fit))
     return WithLaws(search.of.space, values, {}, fit.cost, spread)
 
@@ -181,7 +182,9 @@ def _added(search: LawSearch, space: Space, values: Values, rng: np.random.Gener
     best = _cheapest(fits, new, search)
     if not _predicts(search, space, current.values, fits[best], rng):
         return None
-    law, problem, fit = _best_shaped(search, problem, new, fits, best)
+    law, problem, fit = _best_shaped(search, problem, new, fits, best, lambda f: _predicts(
+        search, space, current.values, f, rng
+    ))  # fmt: skip
     fit = _needed(search, problem, fit)
     return _with_laws(search, problem.space, fit, {law.term: law} if is_law(law.term.effect) else {})
 
@@ -202,10 +205,15 @@ def _with_laws(search: LawSearch, space: Space, fit: Fit, laws: Mapping[Term, Pr
 
 
 def _best_shaped(
-    search: LawSearch, problem: Problem, new: Sequence[Proposal], fits: Sequence[Fit], best: int
+    search: LawSearch,
+    problem: Problem,
+    new: Sequence[Proposal],
+    fits: Sequence[Fit],
+    best: int,
+    predicts: Callable[[Fit], bool],
 ) -> tuple[Proposal, Problem, Fit]:
     """The best term in its best shape. Where that is a named effect, a law that fits as well even in its simplest shape
-    may do much better in a richer one."""
+    may do much better in a richer one; predicts: whether it does so where it was not fitted."""
     chosen = _shaped(search, problem, new[best], fits[best])
     rivals = [i for i, p in enumerate(new) if is_law(p.term.effect) and fits[i].cost < fits[best].cost and p.richer]
     if is_law(new[best].term.effect) or not rivals:
@@ -213,8 +221,8 @@ def _best_shaped(
     k = min(rivals, key=lambda i: fits[i].cost)
     other = _shaped(search, problem, new[k], fits[k])
     both = [(law, fit) for law, _, fit in (chosen, other)]
-    place = _cheapest([fit for _, fit in both], [law for law, _ in both], search)
-    return (chosen, other)[place]
+    law_is_better = _cheapest([fit for _, fit in both], [law for law, _ in both], search) == 1
+    return other if law_is_better and predicts(other[2]) else chosen
 
 
 def _shaped(search: LawSearch, problem: Problem, law: Proposal, fit: Fit) -> tuple[Proposal, Problem, Fit]:

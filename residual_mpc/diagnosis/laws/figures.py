@@ -206,8 +206,8 @@ def _unit_of(name: str, unit: str, on_unit: str) -> str:
 
 SLOPES = {
     ("N m", "rad"): "N m/rad", ("N m", "rad/s"): "N m s/rad", ("N m", "s"): "N m/s", ("1", "s"): "1/s",
-    ("1", "N m"): "1/(N m)", ("1", "N"): "1/N", ("rad/s", "m/s"): "rad/m", ("m/s", "rad/s"): "m/rad",
-    ("N", "m"): "N/m", ("N", "m/s"): "N s/m",
+    ("1", "rad"): "1/rad", ("1", "m"): "1/m", ("1", "N m"): "1/(N m)", ("1", "N"): "1/N", ("rad/s", "m/s"): "rad/m",
+    ("m/s", "rad/s"): "m/rad", ("N", "m"): "N/m", ("N", "m/s"): "N s/m",
 }  # fmt: skip
 
 

@@ -43,8 +43,11 @@ def _is(term: Term, kind: LawKind, form: str) -> bool:
 
 
 def _same_place(term: Term, law: Term, space: Space) -> bool:
-    """Whether an effect acts on just the joints that a law acts on."""
-    joints = dict(zip(space.robot.actuators, optional.actuator_joints(space.robot), strict=True))
+    """Whether an effect acts on just the joints that a law acts on: on all of their actuators, if on actuators."""
+    driven = optional.actuator_joints(space.robot)
+    joints = dict(zip(space.robot.actuators, driven, strict=True))
+    if term.target in joints and BY_NAME[term.effect].target == "actuator" and driven.count(joints[term.target]) > 1:
+        return False
 
     def places(t: Term) -> set[str]:
         slots = space.robot.slots(t.effect) if t.target is None else (t.target,)

@@ -24,6 +24,7 @@ from residual_mpc.diagnosis.remainder.coordinates import (
 )
 from residual_mpc.diagnosis.remainder.dependence import Tried, folds_across, try_all
 from residual_mpc.diagnosis.remainder.description import beyond_chance, evenly_spread
+from residual_mpc.diagnosis.remainder.loads import joint_loads
 from residual_mpc.diagnosis.remainder.missing_rates import MissingRate, missed_of, tempered
 from residual_mpc.diagnosis.remainder.settings import RemainderSettings
 from residual_mpc.effects.laws import CARRIERS, KINDS, LawKind
@@ -54,8 +55,9 @@ def propose(
     if not asked or whole <= 0.0:
         return ()
     motion = own_motion(few, predicted)
-    loads = (*load_coordinates(few, row), *lever_coordinates(few, predicted, row))
-    known = (*coordinates(few, predicted, settings=tuning), *loads)
+    loads = joint_loads(few, row)
+    by_load = (*load_coordinates(few, loads), *lever_coordinates(few, predicted, loads))
+    known = (*coordinates(few, predicted, settings=tuning), *by_load)
     every = [c for c in known if c.kind in SUPPORTED]
     tried = beyond_chance(try_all(few, asked, every, motion, rng, settings=tuning), tuning.description.worth)
     out: dict[Term, Proposal] = {}
@@ -142,8 +144,8 @@ def _shapes(
         times = -factor("direction", motion[m.name])
     elif kind.on == "load":
         z, times = np.abs(z), z
-    elif c.kind == "lever" and c.times is not None:
-        times = c.times
+    elif c.kind == "lever" and c.multiplier is not None:
+        times = c.multiplier
     elif kind.of == "strength":
         times = motion[m.name]
     turns = tooth_counts(c, settings=tuning) if kind.shape == "wave" else ()

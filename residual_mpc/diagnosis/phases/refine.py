@@ -76,7 +76,7 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     if final.terms or with_outliers:
         expected = cross_validated_shrink(prepared, problem, final, before, with_outliers, rng, times)
     tolerated, omitted = _with_small_differences(problem, searched.scales, final, options)
-    omitted = (*omitted, *({k: shift.get(k, 0.0) for k in final.knobs} for shift in moved))
+    omitted += tuple({k: shift.get(k, 0.0) for k in final.knobs} for shift in moved)
     explanation = FittedExplanation(
         prepared.raw, prepared.clean, prepared.scales, prepared.kept, prepared.held, prepared.free, problem, before,
         final, polished.ends, rivalry, searched.untestable, prepared.outliers, with_outliers, unnamed, vetoed, doubtful,
@@ -162,8 +162,8 @@ def _heed_encoders(problem: Problem, polished: Polished, options: Options) -> tu
 
 
 def _choose_numbers(problem: Problem, polished: Polished, options: Options) -> tuple[Polished, tuple[Values, ...]]:
-    """The fit with those optional numbers that all windows show, no more than the search did on few; and how the others
-    may move its numbers, see `shifts_without`."""
+    """The fit with those optional numbers that all windows show, no more than the search did on few; and how far
+    the others could shift it, see `shifts_without`."""
     space, settings = problem.space, options.settings.fit
     most = len(freed(polished.fit.values))
     if not most:

@@ -33,9 +33,9 @@ def designs(
     if c.kind == "angle":
         return _toothed(c, settings=settings) if form == "added" and component == f"position.{c.of}" else []
     if c.kind == "lever":
-        if form != "added" or component != f"position.{c.of}" or c.times is None:
+        if form != "added" or component != f"position.{c.of}" or c.multiplier is None:
             return []
-        return [b * c.times[..., None] for b in _plain(c, run, settings=settings)]
+        return [b * c.multiplier[..., None] for b in _plain(c, run, settings=settings)]
     if form != "added" and (c.kind in MOTION or component not in motion):
         return []
     if form == "direction" and not component.startswith("position."):
@@ -100,7 +100,7 @@ def _toothed(c: Coordinate, settings: RemainderSettings) -> list[np.ndarray]:
 def _turning_wheel(c: Coordinate, run: np.ndarray, settings: RemainderSettings) -> list[np.ndarray]:
     """A wave over each turn, with a phase of its own in every run: where a wheel stood at the start is not known."""
     mine = (run[:, None] == np.unique(run)).astype(float)[:, None, :]
-    speed = np.ones_like(c.z) if c.times is None else c.times
+    speed = np.ones_like(c.z) if c.multiplier is None else c.multiplier
     out = []
     for s in settings.bases.stretch:
         waves = [(speed * f(s * c.z))[..., None] * mine for f in (np.cos, np.sin)]

@@ -5,18 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
-from residual_mpc.diagnosis.remainder.loads import joint_loads
+from residual_mpc.diagnosis.remainder.loads import Loads
 from residual_mpc.diagnosis.remainder.missing_rates import POSE, travelled
 from residual_mpc.diagnosis.remainder.settings import RemainderSettings
 from residual_mpc.logs.run import Run, held
 from residual_mpc.models import optional
-from residual_mpc.models.settings import Settings
 
 
 @dataclass(frozen=True, eq=False)
 class Coordinate:
     """name: of what, in words; kind: of which sort (see KINDS); of: the actuator, joint or column, None for the robot;
-    z (W, M) in `unit`; turn: the period in z of what repeats, None where nothing does; times (W, M): a speed or a
+    z (W, M) in `unit`; turn: the period in z of what repeats, None where nothing does; multiplier (W, M): a speed or
     torque that its influence is in proportion to, where it can be no other."""
 
     name: str
@@ -25,12 +24,12 @@ class Coordinate:
     unit: str
     z: np.ndarray
     turn: float | None = None
-    times: np.ndarray | None = None
+    multiplier: np.ndarray | None = None
 
 
 KINDS = (
     "steady", "speed", "turning", "cornering", "command", "command_rate", "position", "direction", "angle",
-    "load", "lever", "wheel_angle", "heading", "place", "time", "work", "run", "order", "logged",
+    "load", "wheel_angle", "heading", "place", "time", "work", "run", "order", "logged",
 )  # fmt: skip
 PER_RUN = ("wheel_angle", "run", "order")  # these are told from each other within runs, the others across runs
 
@@ -58,28 +57,28 @@ def coordinates(data: Dataset, predicted: np.ndarray, settings: RemainderSetting
     return _moving(data, out)
 
 
-def load_coordinates(data: Dataset, settings: Settings) -> tuple[Coordinate, ...]:
-    """The loads on the joints of these runs by the model (settings, one row), which costs a replay.
+def load_coordinates(data: Dataset, loads: Loads) -> tuple[Coordinate, ...]:
+    """The loads on the joints of these runs (see `joint_loads`).
 
     Not of joints whose commands are all torques: a law of the command is the same there.
     """
     robot = data.blocks[0].robot
-    slides, loads = optional.sliding(robot), joint_loads(data, settings)
+    slides = optional.sliding(robot)
     joints = zip(optional.actuator_joints(robot), robot.command_kinds, strict=True) if loads else ()
     asked = {j for j, kind in joints if kind != "torque"}
     units = {j: "N" if j in slides else "N m" for j in loads}
     return _moving(data, [Coordinate(f"the load on {j}", "load", j, units[j], loads[j]) for j in loads if j in asked])
 
 
-def lever_coordinates(data: Dataset, predicted: np.ndarray, settings: Settings) -> tuple[Coordinate, ...]:
-    """The positions of the joints, as what a share of the actuators' torques there may depend on; predicted (W, M, C):
-    as for `coordinates`."""
+def lever_coordinates(data: Dataset, predicted: np.ndarray, loads: Loads) -> tuple[Coordinate, ...]:
+    """The positions of the joints, as what a share of the loads there may depend on; predicted (W, M, C): as for
+    `coordinates`. Laws are made of these; what is left is not described by them."""
     slides, out = optional.sliding(data.blocks[0].robot), []
-    for joint, load in joint_loads(data, settings).items():
+    for joint, load in loads.items():
         if (channel := f"position.{joint}") in data.channels:
             q = np.nan_to_num(predicted[..., data.channels.index(channel)])
             unit = "m" if joint in slides else "rad"
-            out.append(Coordinate(f"the position of {joint}", "lever", joint, unit, q, times=load))
+            out.append(Coordinate(f"the position of {joint}", "lever", joint, unit, q, multiplier=load))
     return _moving(data, out)
 
 
@@ -131,7 +130,7 @@ def _commands(data: Dataset, settings: RemainderSettings) -> list[Coordinate]:
         if wheel:
             angle, speed = _wheel(data, a, per_run)
             out.append(
-                Coordinate(f"the angle of the {a} wheel", "wheel_angle", a, "rad", angle, 2.0 * np.pi, times=speed)
+                Coordinate(f"the angle of the {a} wheel", "wheel_angle", a, "rad", angle, 2.0 * np.pi, multiplier=speed)
             )
     return out
 

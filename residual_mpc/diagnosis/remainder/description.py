@@ -1,6 +1,7 @@
 """The remainder described: its components, where it sits, what it depends on and in which shape."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from residual_mpc.diagnosis.data.gap import Scales, per_window
 from residual_mpc.diagnosis.data.where import locate
 from residual_mpc.diagnosis.remainder.coordinates import KINDS, Coordinate, coordinates, load_coordinates, own_motion
 from residual_mpc.diagnosis.remainder.dependence import Tried, try_all
+from residual_mpc.diagnosis.remainder.loads import joint_loads
 from residual_mpc.diagnosis.remainder.missing_rates import MissingRate, missed_of, tempered
 from residual_mpc.diagnosis.remainder.records import Component, Dependence, Resemblance, Rest
 from residual_mpc.diagnosis.remainder.settings import RemainderSettings
@@ -38,7 +40,7 @@ def describe_remainder(
     motion = {k: v[keep] for k, v in own_motion(data, predicted).items()}
     whole = sum(m.beyond for m in missed)
     asked = tuple(tempered(m, settings=tuning) for m in missed if m.beyond > tuning.description.small * whole)
-    candidates = [*(_take(c, keep) for c in every), *load_coordinates(few, settings)]
+    candidates = [*(_take(c, keep) for c in every), *load_coordinates(few, joint_loads(few, settings))]
     depends = _depends(few, asked, candidates, motion, rng, settings=tuning)
     return Rest(_components(missed), where, burst, depends, resemblance)
 
@@ -129,4 +131,4 @@ def evenly_spread(count: int, most: int) -> np.ndarray:
 
 
 def _take(c: Coordinate, keep: np.ndarray) -> Coordinate:
-    return Coordinate(c.name, c.kind, c.of, c.unit, c.z[keep], c.turn, None if c.times is None else c.times[keep])
+    return replace(c, z=c.z[keep], multiplier=None if c.multiplier is None else c.multiplier[keep])

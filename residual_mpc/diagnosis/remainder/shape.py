@@ -58,8 +58,8 @@ def curve(
 ) -> Curve:
     """The missing rate of one component over the coordinate, in the form that was chosen."""
     z, knots, repeats = _abscissa(m, c, form, run, motion, settings=settings)
-    if c.kind == "wheel_angle" and c.times is not None:
-        times, y_unit = c.times, "m/rad" if m.unit == "m/s" else "rad/rad"
+    if c.kind == "wheel_angle" and c.multiplier is not None:
+        times, y_unit = c.multiplier, "m/rad" if m.unit == "m/s" else "rad/rad"
     else:
         own = motion.get(m.name)
         times = factor(form, own)

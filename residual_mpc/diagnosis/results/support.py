@@ -18,7 +18,7 @@ from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.readjusted import readjusted
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.verdict import HorizonGaps
-from residual_mpc.effects.laws import kind_of
+from residual_mpc.effects.laws import is_law, quantities_of
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Term, Values
 
@@ -81,7 +81,8 @@ def doubts(supports: Mapping[Term, Support], rest: Rest | None, settings: Result
     tuned = settings.support
     named = {term.effect for term in supports}
     on = set() if rest is None else {DEPENDENCE.get(d.kind) for d in rest.depends if d.share >= tuned.depends}
-    on |= {DEPENDENCE.get(kind.on) for name in named if (kind := kind_of(name)) is not None}
+    laws = [BY_NAME[name] for name in named if is_law(name)]
+    on |= {DEPENDENCE.get(quantity) for law in laws for quantity in quantities_of(law)}
     out = {}
     for term, support in supports.items():
         helps = 1.0 if "predicts" in support.evidence and not support.fails else tuned.unsupported

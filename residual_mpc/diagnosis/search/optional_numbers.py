@@ -12,7 +12,7 @@ from itertools import chain, combinations
 import numpy as np
 from scipy.special import chdtri
 
-from residual_mpc.diagnosis.fit.evidence import covariance
+from residual_mpc.diagnosis.fit.evidence import T95, covariance
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.problem import Problem
@@ -148,10 +148,10 @@ def unshown(
 
 
 def shifts_without(space: Space, whole: Fit, left_out: Sequence[Knob], blocks: np.ndarray) -> tuple[Values, ...]:
-    """By how much each number of a fit moves while an optional number that is left out moves by a standard deviation,
-    one way and the other: it is somewhere within its scale about its null value, and no more than its own data allow.
+    """By how far an optional number that is left out could shift the others: to both ends of its 95 % interval, given
+    what the data say of it and that it is within its scale of its null value. One that ended at a bound is not counted.
 
-    A mass that lies beside its site in one direction may do so in another, and is then another mass.
+    If a mass is offset from its site in one direction, it may also be offset in another; its fitted value then changes.
     """
     spread = covariance(whole, blocks)
     out: list[Values] = []
@@ -160,9 +160,11 @@ def shifts_without(space: Space, whole: Fit, left_out: Sequence[Knob], blocks: n
         variance = float(spread[k, k])
         if whole.held[k] or not 0.0 < variance < np.inf:
             continue
-        sigma = float(np.sqrt(1.0 / (1.0 / variance + 1.0 / space.scale(knob) ** 2)))
-        for side in (sigma, -sigma):
-            out.append({j: float(side * spread[i, k] / variance) for i, j in enumerate(whole.knobs) if i != k})
+        prior = space.scale(knob) ** 2
+        mean = (whole.values[knob] - space.null(knob)) * prior / (prior + variance)
+        half = T95 * np.sqrt(variance * prior / (prior + variance))
+        for away in (mean - half, mean + half):
+            out.append({j: float(away * spread[i, k] / variance) for i, j in enumerate(whole.knobs) if i != k})
     return tuple(out)
 
 

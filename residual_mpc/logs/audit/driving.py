@@ -121,13 +121,15 @@ def _clearly_late(seen: Follow, usual: float) -> bool:
 @dataclass(frozen=True)
 class _Drive:
     """What a robot does, (n,) each: its speed along its heading and to its left, m/s; the same with the heading in
-    degrees and with x and y exchanged; the mean of its wheels' commands; how fast its heading turns, rad/s."""
+    degrees and with x and y exchanged; the mean of its wheels' commands and their difference, right minus left; how
+    fast its heading turns, rad/s."""
 
     along: FloatArray
     across: FloatArray
     in_degrees: FloatArray
     exchanged: FloatArray
     wheels: FloatArray
+    difference: FloatArray
     turning: FloatArray
 
     def share(self, along: FloatArray) -> float:
@@ -135,16 +137,19 @@ class _Drive:
         return float(along @ along) / max(float(self.along @ self.along + self.across @ self.across), 1e-300)
 
     def aside(self) -> tuple[float, float]:
-        """The angle of straight motion from the heading, rad, positive to the left, from -pi / 2 to pi / 2, and the
-        share of that motion along this line, 0 without straight motion. Driving backwards makes no difference; in a
+        """The angle of straight motion from the heading, rad, positive to the left, and the share of that motion along
+        this line, 0 without straight motion. Which of the two ways along it is forwards, the wheels' commands say. In a
         curve, a tracked point beside the wheels' axle moves sideways."""
-        straight = np.abs(self.turning) <= STRAIGHT * np.quantile(np.abs(self.turning), 0.9)
+        turns = (np.abs(x) for x in (self.turning, self.difference))
+        straight = np.all([x <= STRAIGHT * np.quantile(x, 0.9) for x in turns], axis=0)
         along, across = self.along[straight], self.across[straight]
         power = float(along @ along + across @ across)
         if power < STRAIGHT_POWER * float(self.along @ self.along + self.across @ self.across):
             return 0.0, 0.0
         angle = float(0.5 * np.arctan2(2.0 * float(along @ across), float(along @ along - across @ across)))
         line = along * np.cos(angle) + across * np.sin(angle)
+        if float(line @ self.wheels[straight]) < 0.0:
+            angle += np.pi if angle < 0.0 else -np.pi
         return angle, float(line @ line) / max(power, 1e-300)
 
 
@@ -162,7 +167,7 @@ def _driven(runs: Sequence[Run], dt: float) -> _Drive | None:
         ways = ((vx, vy, theta), (vx, vy, degrees), (vy, vx, theta))
         along, in_degrees, exchanged = (v * np.cos(at) + w * np.sin(at) for v, w, at in ways)
         across, turning = vy * np.cos(theta) - vx * np.sin(theta), np.gradient(_smooth(theta), dt)
-        found.append((along, across, in_degrees, exchanged, 0.5 * (left + right), turning))
+        found.append((along, across, in_degrees, exchanged, 0.5 * (left + right), right - left, turning))
     if not found:
         return None
     whole = [np.concatenate(parts) for parts in zip(*found, strict=True)]
@@ -186,13 +191,13 @@ def _heading(runs: Sequence[Run], dt: float, radius: float | None) -> list[Findi
     if share < 0.7 and drive.share(drive.exchanged) > 0.9:
         return [_elsewhere("swapped", "pose.x", share, drive.share(drive.exchanged), *XY)]
     aside, aligned = drive.aside()
-    if abs(aside) > ASIDE and aligned > ALIGNED:
+    if ASIDE < abs(aside) < np.pi - ASIDE and aligned > ALIGNED:  # the other way round, a sign is reversed
         way = "left" if aside > 0.0 else "right"
         message = (
-            f"where it does not turn, the robot moves {abs(aside):.2f} rad to the {way} of its heading: the frames of "
-            "pose.theta and of pose.x and pose.y may differ"
+            f"where it does not turn, the robot moves {abs(aside):.2f} rad to the {way} of its heading: pose.theta and "
+            "pose.x, pose.y may be in different frames, or the robot drifts sideways"
         )
-        remedy = f"add {aside:.4g} rad to pose.theta, or turn pose.x and pose.y back by as much"
+        remedy = f"if the frames differ, add {aside:.4g} rad to pose.theta, or rotate pose.x and pose.y by {-aside:.4g}"
         return [Finding("warning", "frames", "", "pose.theta", None, message, remedy)]
     norm = np.sqrt((drive.along @ drive.along) * (drive.wheels @ drive.wheels))
     cosine = float(drive.along @ drive.wheels / norm) if norm > 0.0 else 0.0

@@ -22,6 +22,7 @@ from residual_mpc.logs.run import FloatArray, Run
 from residual_mpc.logs.signals import noise_sigma
 
 REACH = 0.5  # s: the latest answer that is looked for
+SOON = 0.15  # s: within which a joint answers where its kind is in doubt; later, a sine's speed looks like its angle
 DEGREES, RPM = 180.0 / np.pi, 30.0 / np.pi
 SURE, CLEAR, MODERATE, WEAK, FAINT = 0.9, 0.7, 0.5, 0.5, 0.25  # correlations
 
@@ -132,17 +133,20 @@ def _kind(actuator: ActuatorFacts, runs: Sequence[Run], robot: RobotFacts, seen:
     other: CommandKind = "velocity" if actuator.kind == "position" else "position"
     meant = replace(actuator, kind=other)
     name = _answering(meant, runs, robot)
-    if seen.correlation.max() >= WEAK or name is None:
+    as_it_is = float(np.abs(seen.correlation[np.abs(seen.lags) <= SOON]).max())
+    if as_it_is >= WEAK or name is None:
         return []
     as_meant = follow(_sources(meant, runs, dt), _answers(meant, name, runs, dt), dt, REACH)
-    strength = as_meant.correlation.max() if as_meant is not None else 0.0
+    if as_meant is None:
+        return []
+    strength = float(as_meant.correlation[(as_meant.lags >= -dt) & (as_meant.lags <= SOON)].max())
     if strength < SURE:
         return []
     command = f"command.{actuator.name}"
     follows, not_ = ("speed", "position") if other == "velocity" else ("position", "speed")
     message = (
         f"the {follows} of {actuator.joint} follows {command} (correlation {strength:.2f}), its {not_} does not "
-        f"({float(seen.correlation.max()):.2f}), and the model drives it by a <{actuator.kind}> actuator"
+        f"({as_it_is:.2f}), and the model drives it by a <{actuator.kind}> actuator"
     )
     remedy = f'make it a <{other}> actuator in the model file, or kind = "{other}" in the robot file'
     return [Finding("warning", "kind of drive", "", command, None, message, remedy)]
