@@ -30,6 +30,7 @@ from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.data.outliers import Outliers
 from residual_mpc.diagnosis.data.signals import Signal
 from residual_mpc.diagnosis.predict.problem import build_problem
+from residual_mpc.diagnosis.results import causes
 from residual_mpc.diagnosis.results.causes import ValuesWithout, causes_of
 from residual_mpc.diagnosis.results.records import Cause
 from residual_mpc.diagnosis.results.settings import ResultSettings
@@ -193,3 +194,17 @@ def test_an_effect_predicts_where_the_judged_windows_have_it_and_not_elsewhere()
     assert "predicts" in there[LAG.term].evidence and there[LAG.term].strength > 0.0
     assert "predicts" not in elsewhere[LAG.term].evidence and elsewhere[LAG.term].strength < 0.0
     assert "predicts" in there[SCALE.term].evidence and "predicts" in elsewhere[SCALE.term].evidence
+
+
+def test_a_law_is_as_uncertain_as_the_runs_disagree(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two numbers one moves three times as far between runs as the scatter within them explains."""
+    term = Term("fitted_law_torque_position", "j")
+    knobs = tuple(Knob(*term[:2], name) for name in ("start", "rise2"))
+    final = SimpleNamespace(knobs=knobs, values={})
+    of: Any = SimpleNamespace(final=final, problem=SimpleNamespace(data=None), space=None, forms={term: "line"})
+    monkeypatch.setattr(causes, "covariance", lambda *_: np.array([[1.0, -1.0], [-1.0, 4.0]]))
+    monkeypatch.setattr(causes, "blocks_of", lambda *_, **__: None)
+    monkeypatch.setattr(causes, "fitted_law", lambda *given: given[-1])
+    settings: Any = SimpleNamespace(fit=None)
+    spread = causes._law(of, term, np.array([3.0, 1.0]), settings)
+    np.testing.assert_allclose(spread, [[9.0, -3.0], [-3.0, 4.0]])

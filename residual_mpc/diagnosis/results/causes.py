@@ -49,7 +49,7 @@ def causes_of(
     for term in final.terms:
         summary, evidence = BY_NAME[term.effect].summary, supports[term].evidence
         if term not in sized:
-            law = _law(of, term, settings=settings)
+            law = _law(of, term, spread.sigma, settings=settings)
             causes.append(Cause(term, sure[term] * doubt[term], (), summary, None, evidence, law))
             continue
         estimates = estimates_of(of, term, spread, unexplained, lacking, settings=settings) if lacking else sized[term]
@@ -119,11 +119,15 @@ def _anywhere(parameter: Parameter, estimate: Estimate) -> bool:
     return limit and low < 0.1 * estimate.value and high > 2.0 * estimate.value
 
 
-def _law(of: FittedExplanation, term: Term, settings: ResultSettings) -> FittedLaw:
-    """The law with its intervals, from the sandwich covariance."""
+def _law(of: FittedExplanation, term: Term, sigma: np.ndarray, settings: ResultSettings) -> FittedLaw:
+    """The law with its intervals, from the sandwich covariance, widened by how far the runs disagree; sigma (P,): of
+    each free number, with that."""
     final = of.final
     mine = [i for i, k in enumerate(final.knobs) if k.effect != TUNE and k.term == term]
     spread = covariance(final, blocks_of(of.problem.data, settings=settings.fit))[np.ix_(mine, mine)]
+    within = np.sqrt(np.maximum(np.diag(spread), 1e-300))
+    wider = np.maximum(sigma[mine] / within, 1.0)
+    spread = spread * wider[:, None] * wider[None, :]
     return fitted_law(of.space, term, of.forms[term], final.values, [final.knobs[i] for i in mine], spread)
 
 
