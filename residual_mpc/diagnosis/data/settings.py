@@ -58,6 +58,23 @@ class HoldOutSettings:
 
 
 @dataclass(frozen=True)
+class UnlikeSettings:
+    """windows: of each side that are compared, from `fewest` fitted ones on; usual: share of the fitted windows that
+    have one like them in another run; apart: horizons that stretches of a single run take; least: of the range of a
+    feature of the drive, the least difference that counts as one unit."""
+
+    windows: int = 1500
+    fewest: int = 12
+    usual: float = 0.95
+    apart: float = 5.0
+    least: float = 0.1
+
+    def __post_init__(self) -> None:
+        check_positive(self, "windows", "fewest", "apart", "least")
+        check_share(self, "usual")
+
+
+@dataclass(frozen=True)
 class UnknownPastSettings:
     """Windows that begin less than `forgotten` s (two of the longest lags) after the first stamp of a run with an
     unknown past are left out of fits, if they are at most the share `most` of those that fits may see, `most_longer`
@@ -161,4 +178,5 @@ class DataSettings:
     where: WhereSettings = field(default_factory=WhereSettings)
     encoders: EncoderSettings = field(default_factory=EncoderSettings)
     wheel_angle: WheelAngleSettings = field(default_factory=WheelAngleSettings)
+    unlike: UnlikeSettings = field(default_factory=UnlikeSettings)
     unknown_past: UnknownPastSettings = field(default_factory=UnknownPastSettings)

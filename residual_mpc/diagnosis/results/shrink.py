@@ -1,11 +1,12 @@
 """How far the gap shrinks: stated by cross-validation before the held-out windows are opened, then measured on them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales, gap_from_squares, window_squares
+from residual_mpc.diagnosis.data.unlike_motions import unlike_share
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.results.settings import ResultSettings
 
@@ -40,11 +41,14 @@ def expected_shrink(
     settings: ResultSettings,
 ) -> Shrink:
     """As `shrink_of`, with the interval in which the shrink on `held` will lie: besides these windows being few, those
-    are few as well. Of `held` nothing but the number of its runs (or blocks) is used."""
+    are few as well, and those that are driven unlike all others may not shrink at all. Of `held` nothing but the number
+    of its runs (or blocks) and how they are driven is used."""
     drawn, unit = _draws(data, rng, settings=settings)
     n = len(np.unique(held.run if _by_run(data) else blocks_of(held, settings=settings.fit)))
     again = rng.multinomial(max(n, 1), drawn / drawn.sum(axis=1, keepdims=True))
-    return _shrink(data, scales, before, after, again[:, unit].astype(float))
+    expected = _shrink(data, scales, before, after, again[:, unit].astype(float))
+    unlike, (low, high) = 0.0 if held is data else unlike_share(data, held, settings.data), expected.ci95
+    return replace(expected, ci95=(low - unlike * max(low, 0.0), high))
 
 
 def _shrink(data: Dataset, scales: Scales, before: np.ndarray, after: np.ndarray, draws: np.ndarray) -> Shrink:
