@@ -251,7 +251,7 @@ def _on(
     anew: see `stepwise_search`. None where that promises nothing."""
     options, space, settings = prepared.options, prepared.space, prepared.options.settings
     # a small robot simulates faster, and a servo on the bench has few windows in all
-    budget = int(options.search_steps * np.clip(6.0 / len(space.robot.states), 1.0, 5.0))
+    budget = int(options.search_steps * np.clip((6.0 / len(space.robot.states)) ** 2, 1.0, 5.0))
     few = thin_whole(windows, budget, settings=settings.data)
     few = well_begun(few, scales, rng, settings=settings.predict)
     quick = quickened(few, scales, settings=settings.predict)
