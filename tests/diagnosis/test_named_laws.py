@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from oracles.arms import arm_xml, robot_of
 
+from residual_mpc.diagnosis.laws import add, figures
 from residual_mpc.diagnosis.laws.named import named_twin, replaced, taken_up
 from residual_mpc.diagnosis.laws.propose import Proposal, proposal
 from residual_mpc.diagnosis.laws.settings import LawSettings
@@ -101,6 +102,32 @@ def test_richer_shapes_span_the_quantity() -> None:
     constant = replace(line, form="constant", free=("start",))
     assert richer(kind_of("torque", "position"), constant, z, settings) == ()  # an offset, which has a name
     assert [s.form for s in richer(kind_of("strength", "load"), constant, z, settings)] == ["bend", "curve"]
+
+
+@pytest.mark.parametrize(
+    ("terms", "cost", "clearer"),
+    [
+        (2, 940.0, True),  # explains 0.6 % more of the 9000 that the named effects explain
+        (2, 960.0, False),  # 0.4 % more
+        (1, 999.0, True),  # needs fewer terms
+    ],
+)
+def test_laws_take_the_place_of_named_effects_only_where_they_are_clearer(
+    monkeypatch: pytest.MonkeyPatch, terms: int, cost: float, clearer: bool
+) -> None:
+    """The nominal model leaves 10,000 and the named effects 1000."""
+    monkeypatch.setattr(add, "_as_it_is", lambda *_: SimpleNamespace(cost=1e4))
+    search: Any = SimpleNamespace(settings=LawSettings(), of=SimpleNamespace(base={}))
+    names = ("torque_offset", "coulomb_friction")
+
+    def explanation(count: int, left: float) -> Any:
+        return SimpleNamespace(values={Knob(n, "j1", "torque"): 0.1 for n in names[:count]}, cost=left)
+
+    assert add._clearer(search, explanation(terms, cost), explanation(2, 1000.0)) == clearer
+
+
+def test_the_slope_of_a_share_has_a_unit() -> None:
+    assert [figures._unit_of("gradient", "1", on) for on in ("rad", "m", "N m")] == ["1/rad", "1/m", "1/(N m)"]
 
 
 def test_what_is_added_beside_a_law_has_no_share_of_another_place() -> None:
