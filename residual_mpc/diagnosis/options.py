@@ -16,7 +16,8 @@ class PhaseSettings:
     """Longer windows are searched in any case where they span at least `blocks` stretches of time and a hypothesis
     costs at most `cheap` steps of a model of equations on them; else only where there is a gap to explain and a
     hypothesis costs at most `bearable` steps on `blocks` windows; what may be a gap is searched on `few` windows or
-    more, what is one for certain on any number. near: times the noise floor within which longer
+    more, what is one for certain on any number. lost: gap from which predictions over longer windows have nothing to do
+    with the motion, so that they are not searched. near: times the noise floor within which longer
     windows sharpen the numbers of the last fit. marginal_steps: steps of the last fit with small differences, from
     where the plain one ended; marginal_cost: simulation steps that the columns of all small differences may cost;
     marginal_columns: numbers in them (memory); beyond either, fewer windows are taken. outliers_worth: times the
@@ -28,6 +29,7 @@ class PhaseSettings:
     cheap: int = 30_000
     bearable: int = 20_000
     few: int = 5
+    lost: float = 1.0
     near: float = 2.0
     marginal_steps: int = 4
     marginal_cost: int = 4_000_000
@@ -37,7 +39,7 @@ class PhaseSettings:
     most_steps: int = 150_000
 
     def __post_init__(self) -> None:
-        check_positive(self, "blocks", "cheap", "bearable", "few", "near", "marginal_steps", "marginal_columns")
+        check_positive(self, "blocks", "cheap", "bearable", "few", "lost", "near", "marginal_steps", "marginal_columns")
         check_positive(self, "marginal_cost", "outliers_worth", "first_look", "most_steps")
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from residual_mpc.report.words.effects import DIVISIONS, numbers_of, sizes_words
-from residual_mpc.report.words.gaps import few_windows, horizon_line, horizons_of, warnings
+from residual_mpc.report.words.gaps import few_windows, floor_matters, horizon_line, horizons_of, warnings
 from residual_mpc.report.words.groups import group_sentence
 from residual_mpc.report.words.numbers import count, measure_interval, number, percent, percent_interval, plain
 from residual_mpc.report.words.rest import rest_sentence
@@ -50,8 +50,8 @@ def gap_lines(gap: Document) -> list[str]:
     lines += [horizon_line(one, other) for one in longer]
     lines += _reference(gap)
     lines += _doubts(gap, other)
-    if not other and not gap.get("noise_stated", True):
-        lines.append("the noise estimate includes some model error; the true floor may be lower")
+    if not other and not gap.get("noise_stated", True) and floor_matters(gap):
+        lines.append("the noise floor is estimated from these runs; if the sensors' noise is known, put it in [noise]")
     if gap["still"]:
         lines.append(f"left out since they hardly move: {', '.join(gap['still'])}")
     if gap["skipped"]:

@@ -10,11 +10,13 @@ from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import build_dataset, joined
-from residual_mpc.diagnosis.data.gap import gap_of, measure_scales
+from residual_mpc.diagnosis.data.gap import Gap, gap_of, measure_scales
 from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.phases.horizons import worth_searching
 from residual_mpc.diagnosis.predict.horizons import foretold, longer_horizons, windows_between, windows_over
+from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.diagnosis.results.records import Diagnosis
@@ -92,6 +94,16 @@ def test_a_model_that_diverges_is_not_foretold() -> None:
     assert clear is not None and foretold(
         clear.clean, clear.scales, np.random.default_rng(0), settings=PredictSettings()
     )
+
+
+@pytest.mark.parametrize(("left", "searched"), [(0.4, True), (0.99, True), (1.0, False), (7.0, False)])
+def test_windows_whose_prediction_is_lost_are_not_searched(left: float, searched: bool) -> None:
+    """Where what was found leaves more than the motion itself, other effects only fit how errors grow."""
+    runs = [rover_run(f"r{k}", {}, 60.0, seed=k) for k in range(2)]
+    data = build_dataset(runs, [ROVER] * 2, SIGMA, horizon=5.0)
+    channels = np.full(3, left)
+    gap, floor = Gap(left, channels), NoiseFloor(0.02, np.full(3, 0.02), 0.02, np.full(3, 0.02), 20)
+    assert worth_searching(data, gap, floor, Options()) is searched
 
 
 def test_shorter_windows_fill_what_is_not_held_out() -> None:

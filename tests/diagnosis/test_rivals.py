@@ -14,7 +14,7 @@ from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.data.settings import DataSettings
-from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
+from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion, without_the_most_telling
 from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.candidates import build_space
@@ -23,7 +23,16 @@ from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.search import rivals, screen, stand_ins
 from residual_mpc.diagnosis.search.acceptance import Ruler, build_ruler, judge
 from residual_mpc.diagnosis.search.close_rivals import Rival, too_close
-from residual_mpc.diagnosis.search.rivals import Rivalry, _shares, _without_needless, find_rivals, holds_elsewhere
+from residual_mpc.diagnosis.search.rivals import (
+    Rivalry,
+    _beside_the_better_values,
+    _fits,
+    _replacements,
+    _shares,
+    _without_needless,
+    find_rivals,
+    holds_elsewhere,
+)
 from residual_mpc.diagnosis.search.screen import ScreenedTerm
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stepwise import Found
@@ -349,3 +358,49 @@ def test_a_rough_fit_goes_on_where_its_cost_has_fallen_far(monkeypatch: pytest.M
     monkeypatch.setattr(rivals, "fit_all", lambda problem, starts, *_, **__: [("further", v) for v in starts])
     found = rivals._carried_on(small, [{}, {}], fits, [frozenset(), frozenset()], SearchSettings())
     assert found == [("further", 0), fits[1]]
+
+
+@pytest.mark.parametrize(
+    ("difference", "left"),
+    [
+        ([3.0, 1.0, 2.0, 2.0], 4.0),  # blocks 4, 2, 2
+        ([9.0, 1.0, -1.0, -2.0], 0.0),  # one block speaks for it, the others against it
+        ([-9.0, -1.0, 0.5, -1.0], -0.5),
+        ([-9.0, -1.0, 2.0, 0.5], 0.0),
+        ([0.0, 0.0, 0.0, 0.0], 0.0),
+    ],
+)
+def test_a_difference_counts_without_the_stretch_that_speaks_most_for_it(difference: list[float], left: float) -> None:
+    assert without_the_most_telling(np.array(difference), np.array([0, 0, 1, 2])) == pytest.approx(left)
+
+
+def test_one_stretch_does_not_tell_a_rival_from_the_chosen_effect() -> None:
+    """Where a rival is worse in a single stretch, nothing else tells it from the chosen one."""
+    lag, delay = Knob("actuator_lag", None, "time_constant"), Knob("command_delay", None, "delay")
+    found = found_of({"actuator_lag": {"time_constant": 0.08}}, {lag: 0.08}, ("actuator_lag", "command_delay"))
+    settings = SearchSettings()
+    told = {r.came: r for r in _replacements(found.problem, found.fit, (lag.term,), found.phi, settings=settings)}
+    assert told[(delay.term,)].ratio > settings.steps.alike  # every stretch tells the lag from the delay
+    blocks = blocks_of(found.problem.data, settings=settings.fit)
+    data = found.problem.data.take(blocks == blocks[0])
+    problem = build_problem(data, found.problem.space, 1.0 / found.problem.weight, found.problem.motion)
+    (fit,) = fit_all(problem, [found.fit.values])
+    alone = {r.came: r for r in _replacements(problem, fit, (lag.term,), found.phi, settings=settings)}
+    assert alone[(delay.term,)].ratio <= settings.rivals.per_knob
+
+
+def test_a_rival_begins_beside_the_better_of_two_values_of_what_stays() -> None:
+    """Without a term that explains most, the fit of the rest moves it far from where it is right."""
+    gain, lag = Knob("actuator_gain", None, "gain"), Knob("actuator_lag", None, "time_constant")
+    truth = {"actuator_gain": {"gain": 0.7}, "actuator_lag": {"time_constant": 0.1}}
+    found = found_of(truth, {gain: 0.7, lag: 0.1}, ("actuator_gain", "actuator_lag", "wheel_radius"))
+    radius = Knob("wheel_radius", None, "scale")
+    (rest,) = fit_all(found.problem, [{lag: 0.4}], 0)
+    (near,) = fit_all(found.problem, [{lag: 0.1}], 0)
+    for other, value in ((rest, 0.1), (replace(near, values={lag: 0.1}), 0.1)):
+        start = [{**other.values, radius: 0.7}]
+        (moved,), (beside,) = _beside_the_better_values(found.problem, start, other, found.fit, SearchSettings())
+        assert moved[lag] == pytest.approx(value, abs=0.02) and moved[radius] == 0.7
+        assert lag in beside.values
+    ends = _fits(found.problem, rest, found.fit, [{lag: 0.4, radius: 0.7}], found.phi, SearchSettings())
+    assert ends[0].cost == pytest.approx(found.fit.cost, rel=0.02)  # on a log without encoders a radius is a gain

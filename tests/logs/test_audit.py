@@ -260,6 +260,17 @@ def test_an_axis_that_rests_at_zero_is_not_said_to_be_clipped() -> None:
     assert "clipped command" not in {f.kind for f in audit(with_fault(arms(), fault), ARM)}
 
 
+def test_a_motion_that_rests_at_several_places_is_not_said_to_be_clipped() -> None:
+    """Its highest place is one of them; a clipped command rests nowhere else."""
+
+    def fault(columns: Columns) -> None:
+        y = np.minimum(columns["command.a"], np.quantile(columns["command.a"], 0.95))
+        y[100:140], y[200:240] = 0.1, -0.2
+        columns["command.a"] = y
+
+    assert "clipped command" not in {f.kind for f in audit(with_fault(arms(), fault), ARM)}
+
+
 def test_a_sample_that_jumps_far_away_says_nothing_of_units_or_steps() -> None:
     def fault(columns: Columns) -> None:
         columns["pose.x"][150] = 1e6

@@ -193,7 +193,21 @@ def test_rows_of_one_stamp_share_out_their_columns(tmp_path: Path) -> None:
     (run,) = result.runs
     np.testing.assert_allclose(run.columns["pose.x"], table()["pose.x"], atol=1e-6)
     np.testing.assert_allclose(run.columns["command.left"], table()["command.left"], atol=1e-6)
-    assert [f.kind for f in result.findings] == ["repeated stamps"]
+    assert [(f.kind, f.severity) for f in result.findings] == [("repeated stamps", "info")]
+    assert result.findings[0].message == (
+        f"{len(run.t)} rows with the previous time stamp were merged with the row before: they fill each other's empty "
+        "cells"
+    )
+
+
+def test_rows_of_one_stamp_that_contradict_each_other_are_a_warning(tmp_path: Path) -> None:
+    columns = table()
+    columns["t"][21] = columns["t"][20]
+    result = read_runs([write_csv(tmp_path / "a.csv", columns)], ROBOT)
+    (finding,) = result.findings
+    assert (finding.kind, finding.severity) == ("repeated stamps", "warning")
+    assert finding.message.startswith("1 row with the previous time stamp was merged with the row before, and ")
+    assert result.runs[0].columns["pose.x"][20] == pytest.approx(columns["pose.x"][20], abs=1e-6)
 
 
 def test_a_value_is_held_until_the_next(tmp_path: Path) -> None:

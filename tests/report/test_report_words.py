@@ -9,7 +9,7 @@ from fabricated_diagnosis import document
 from residual_mpc.effects.effect import STAGES
 from residual_mpc.effects.library import BY_NAME, LIBRARY
 from residual_mpc.report.words.effects import name, remarks, sentence_of, sizes_words, stage, variation_clause
-from residual_mpc.report.words.gaps import few_windows, horizon_line, warnings
+from residual_mpc.report.words.gaps import few_windows, floor_matters, horizon_line, warnings
 from residual_mpc.report.words.groups import group_sentence, member_names, or_else
 from residual_mpc.report.words.laws import law_sentence
 from residual_mpc.report.words.numbers import (
@@ -323,6 +323,32 @@ def test_a_model_that_is_worse_than_constant_velocity_is_said():
     assert warnings({"nominal": 4080.0, "model": None, "noise_floor": 0.1, "horizon": 1.0}, True) == [
         "The nominal model diverges to 4080 times the motion itself: a model that predicts no motion would be better."
     ]
+
+
+def test_a_forecast_that_a_few_windows_make_better_does_not_make_the_figures_useless():
+    quantiles = {"p50": 0.01, "p90": 0.4, "max": 3.6}
+    gap = {"nominal": 0.63, "noise_floor": 0.003, "horizon": 1.0, "constant_velocity": 0.55,
+           "window_gaps": {"nominal": quantiles}}  # fmt: skip
+    assert warnings(gap, False) == ["This model predicts worse than a constant-velocity forecast (0.55)."]
+    assert "not meaningful" in warnings(gap | {"window_gaps": {"nominal": {**quantiles, "p50": 0.5}}}, False)[0]
+
+
+def test_noise_that_a_correct_model_would_not_predict_is_no_fault_of_the_model():
+    gap = {"nominal": 1.63, "noise_floor": 1.4, "horizon": 1.0, "constant_velocity": 0.71}
+    (said,) = warnings(gap, False)
+    assert said == (
+        "At 1 s the noise in the measured start of a prediction alone makes a gap of 1.4, so a correct model would do "
+        "no better: choose a shorter --horizon."
+    )
+    assert "not meaningful" in warnings(gap | {"nominal": 4.2}, False)[0]
+    assert warnings(gap | {"nominal": 0.6, "noise_floor": 0.4}, False) == []
+
+
+@pytest.mark.parametrize(("nominal", "longer", "matters"), [(0.05, 0.9, True), (0.9, 0.05, True), (0.9, 0.9, False)])
+def test_the_floor_matters_near_it(nominal, longer, matters):
+    one = {"horizon": 1.0, "nominal": nominal, "noise_floor": 0.02}
+    gap = {**one, "horizons": [one, {"horizon": 5.0, "nominal": longer, "noise_floor": 0.02}]}
+    assert floor_matters(gap) is matters
 
 
 def test_a_few_windows_that_rule_the_gap_are_said():

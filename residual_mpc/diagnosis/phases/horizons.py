@@ -26,7 +26,10 @@ def everywhere(prepared: Prepared) -> Dataset:
 def worth_searching(data: Dataset, gap: Gap, floor: NoiseFloor, options: Options) -> bool:
     """Whether longer windows are searched for more effects: where that is cheap, or bearable with what may be a gap to
     explain, in all or in one channel. A search alarms nobody, so that less is enough for it than for the verdict where
-    there are windows enough for its tests. A physics engine's steps are never cheap."""
+    there are windows enough for its tests. A physics engine's steps are never cheap. Where the errors of what was found
+    have grown beyond the motion itself, as they do in an arm that torques drive, other effects only fit the growth."""
+    if gap.total >= options.phases.lost:
+        return False
     phases, settings = options.phases, options.settings
     many = len(np.unique(blocks_of(data, settings=settings.fit))) >= phases.blocks
     equations = all(b.robot.step is None for b in data.blocks)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.diagnosis.fit.evidence import blocks_of
+from residual_mpc.diagnosis.fit.evidence import blocks_of, without_the_most_telling
 from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, on_problem
 from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet, without
@@ -28,6 +28,8 @@ from residual_mpc.diagnosis.search.stepwise import Found
 from residual_mpc.diagnosis.search.substitutes import counting_what_includes
 from residual_mpc.diagnosis.search.visible_gaps import low_pass_for_another, told_over, with_gaps_seen, with_low_pass
 from residual_mpc.models.settings import Knob, Term, Values
+
+NO_RACE = Race(np.inf)  # every fit is carried on
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,7 @@ def _replacements(
         came = tuple(t for t in other.terms if t not in rest.terms)
         difference, gain = _difference(problem, rest, fit, other, settings=settings)
         ratio = difference / phi + tuned.per_knob * (len(other.knobs) - len(fit.knobs))
-        alike = ratio < settings.steps.alike and difference < tuned.parallel * gain
+        alike = ratio < settings.steps.alike and other.cost - fit.cost < tuned.parallel * gain
         if came not in out or ratio < out[came].ratio:  # from two starts
             out[came] = Rival(gone, came, other, ratio, alike)
     return [_without_needless(problem, fit, r, phi, settings) for r in out.values()]
@@ -154,30 +156,37 @@ def _without_needless(problem: Problem, fit: Fit, rival: Rival, phi: float, sett
     for t in needless:
         values = without(values, t)
     (leaner,) = fit_all(problem, [values], settings.steps.thorough_steps, settings=settings.fit)
-    ratio = (leaner.cost - fit.cost) / phi + tuned.per_knob * (len(leaner.knobs) - len(fit.knobs))
+    difference = _surviving(problem, fit, leaner, settings)
+    ratio = difference / phi + tuned.per_knob * (len(leaner.knobs) - len(fit.knobs))
     if ratio >= rival.ratio:
         return rival
     return replace(rival, fit=leaner, ratio=ratio)
 
 
 def _difference(problem: Problem, rest: Fit, fit: Fit, other: Fit, settings: SearchSettings) -> tuple[float, float]:
-    """How much larger the cost of another fit is, and how much the chosen one gains over the rest.
+    """How much larger the cost of another fit is, beyond a single stretch, and how much the chosen one gains over the
+    rest.
 
     Where one of the two has a low-pass of the readings, whose input at a window's start has to be reconstructed from
     the readings and their slope, the difference counts only if both have the same sign under either uncertainty of the
     start, that without a low-pass and, for both fits, that with it; the smaller of the two then counts.
     """
-    difference, gain = other.cost - fit.cost, rest.cost - fit.cost
+    difference, gain = _surviving(problem, fit, other, settings), rest.cost - fit.cost
     lagged = [f for f in (fit, other) if with_low_pass(f)]
     if len(lagged) != 1 or difference > settings.rivals.works * gain:
         return difference, gain
     wide = wider_start(problem, lagged[0].values, settings=settings.predict)
     values = [fit.values, other.values, rest.values]
     own, came, without_it = fit_all(wide, values, settings.rivals.wide_steps, settings=settings.fit)
-    widely, gained = came.cost - own.cost, without_it.cost - own.cost
+    widely, gained = _surviving(wide, own, came, settings), without_it.cost - own.cost
     if difference * widely <= 0.0:
         return 0.0, gained
     return (widely, gained) if abs(widely) < abs(difference) else (difference, gain)
+
+
+def _surviving(problem: Problem, fit: Fit, other: Fit, settings: SearchSettings) -> float:
+    """How much larger the cost of another fit is without the stretch that says so most."""
+    return without_the_most_telling(other.per_window - fit.per_window, blocks_of(problem.data, settings=settings.fit))
 
 
 def _begun_otherwise(fit: Fit, rival: Rival) -> bool:
@@ -196,28 +205,40 @@ def _fits(
     if not starts:
         return []
     small, weight = smaller(problem, rest, settings=settings)
-    chosen = float(np.sum(small.residuals([fit.values])[0] ** 2))
+    chosen = np.einsum("wn,wn->w", r := small.residuals([fit.values])[0], r)
     new = [frozenset(s).difference(rest.knobs) for s in starts]
-    rough = fit_all(
-        small,
-        starts,
-        additions.rough,
-        rough=True,
-        near=[on_problem(small, rest, settings=settings.fit)] * len(starts),
-        fresh=new,
-        settings=settings.fit,
-    )
+    starts, near = _beside_the_better_values(small, starts, rest, fit, settings)
+    rough = fit_all(small, starts, additions.rough, rough=True, near=near, fresh=new, settings=settings.fit)
     rough = _carried_on(small, starts, rough, new, settings)
     shown = with_shown(small, rough, phi, weight, settings)
     rough = [r if s is None else s for r, s in zip(rough, shown, strict=True)]
-    near = [weight * (r.cost - chosen) < additions.early * tuned.far * phi for r in rough]
-    on_part = Race(additions.early * tuned.far * phi / weight, chosen)
+    margin, blocks = additions.early * tuned.far * phi / weight, blocks_of(small.data, settings=settings.fit)
+    near = [r.cost - chosen.sum() < margin for r in rough]
+    # a single stretch says that they are far: no race, which goes by the whole cost
+    but_one = [without_the_most_telling(r.per_window - chosen, blocks) < margin for r in rough]
+    on_part = Race(margin, float(chosen.sum()))
     on_all = Race(tuned.far * phi, fit.cost, additions.early)
-    within = [r for r, n in zip(rough, near, strict=True) if n]
-    ends = iter(closer(problem, small, within, on_part, on_all, 4, rest, settings=settings))
-    left = [r.values for r, n in zip(rough, near, strict=True) if not n]
+    raced = [r for r, n in zip(rough, near, strict=True) if n]
+    alone = [r for r, n, b in zip(rough, near, but_one, strict=True) if b and not n]
+    left = [r.values for r, n, b in zip(rough, near, but_one, strict=True) if not (n or b)]
+    ends = iter(closer(problem, small, raced, on_part, on_all, 4, rest, settings=settings))
+    freely = iter(closer(problem, small, alone, NO_RACE, NO_RACE, 4, rest, settings=settings))
     as_they_are = iter(fit_all(problem, left, 0, rough=True, settings=settings.fit))
-    return [next(ends if n else as_they_are) for n in near]
+    return [next(ends if n else freely if b else as_they_are) for n, b in zip(near, but_one, strict=True)]
+
+
+def _beside_the_better_values(
+    small: Problem, starts: list[Values], rest: Fit, fit: Fit, settings: SearchSettings
+) -> tuple[list[Values], list[Fit]]:
+    """Each start, with what the set keeps as the fit without the replaced term has it or as the chosen fit has it,
+    whichever leaves less, and that fit. Without a term that explains most, a fit moves all others far away."""
+    kept = {k: v for k, v in fit.values.items() if k in rest.values}
+    others = [{**s, **kept} for s in starts]
+    costs = np.einsum("hwn,hwn->h", r := small.residuals([*starts, *others]), r)
+    chosen = costs[len(starts) :] < costs[: len(starts)]
+    rest_here, fit_here = (on_problem(small, f, settings=settings.fit) for f in (rest, fit))
+    pairs = zip(starts, others, chosen, strict=True)
+    return [b if c else a for a, b, c in pairs], [fit_here if c else rest_here for c in chosen]
 
 
 def _carried_on(

@@ -15,6 +15,7 @@ from residual_mpc.logs.signals import resolution
 TURN, TURN_DEGREES = 2.0 * np.pi, 360.0
 WRAP = 0.15  # of a turn: how near to it a jump has to be
 CLIPPED = 0.02  # share of a command's samples at its very end
+REST = 5  # equal samples in a row from which a command rests
 COARSE = 0.05  # rounding step over the spread of the motion
 
 
@@ -125,9 +126,21 @@ def _clipped(name: str, runs: Sequence[Run]) -> list[Finding]:
     y = np.concatenate([run.columns[name][np.isfinite(run.columns[name])] for run in runs])
     if len(np.unique(y)) < 0.2 * len(y):  # steps and ramps rest at their ends by design
         return []
-    for end, word in ((float(y.max()), "above"), (float(y.min()), "below")):
+    ends = (float(y.max()), float(y.min()))
+    rests = sum(_resting(run.columns[name], (*ends, 0.0)) for run in runs) / len(y)
+    for end, word in zip(ends, ("above", "below"), strict=True):
         share = float(np.mean(y == end))
-        if share > CLIPPED and end != 0.0:  # 0 is where a drive, or an axis at its safe height, rests
+        # a motion from place to place rests at others as well; 0 is where a drive, or an axis at its safe height, rests
+        if share > max(CLIPPED, rests) and end != 0.0:
             message = f"{share:.0%} of {name} is exactly {end:.5g} and no value is {word}: it may be clipped"
             return [Finding("info", "clipped command", "", name, None, message)]
     return []
+
+
+def _resting(y: FloatArray, but: Sequence[float]) -> int:
+    """Number of samples in which a command rests, at other values than these."""
+    y = y[np.isfinite(y)]
+    begins = np.flatnonzero(np.diff(y, prepend=np.nan) != 0.0)
+    lengths = np.diff(begins, append=len(y))
+    long = (lengths >= REST) & ~np.isin(y[begins], but)
+    return int(lengths[long].sum())

@@ -112,7 +112,7 @@ def _read_run(
         if group(key) is not None
     }
     columns = as_wheel_speeds(as_heading(columns), wheels)
-    _check_clashes(layout, piece, order, where)
+    findings += _repeated(layout, piece, order, name, where)
     _check_values(columns, layout, where, open_choices)
     extra_columns = {key: order.apply(piece.cells[key][piece.rows]) for key in layout.extra if key in piece.cells}
     start = _first_command(columns)
@@ -196,10 +196,13 @@ def _check_values(columns: dict[str, FloatArray], layout: Layout, where: str, op
         raise BadInput(what, where, "leave the run out")
 
 
-def _check_clashes(layout: Layout, piece: Piece, order: Order, where: str) -> None:
-    """Rows of one stamp may share out the columns between them; contradictions mean stamps too coarse."""
-    if len(order.first) == len(order.rows):
-        return
+def _repeated(layout: Layout, piece: Piece, order: Order, name: str, where: str) -> list[Finding]:
+    """What became of rows with the stamp of the row before. They may share out the columns between them, as the topics
+    of a robot do; where they contradict each other, the first value counts, and many contradictions mean that the
+    stamps are too coarse."""
+    repeated = len(order.rows) - len(order.first)
+    if not repeated:
+        return []
     data = [column for key, column in layout.columns.items() if group(key) is not None]
     clash = np.any([order.clashes(piece.cells[column][piece.rows]) for column in data], axis=0)
     if clash.sum() > CLASHES * len(order.rows):
@@ -211,6 +214,11 @@ def _check_clashes(layout: Layout, piece: Piece, order: Order, where: str) -> No
             "write 't' with more digits (a 32-bit float is too coarse for the time of day),"
             " or distinguish the runs by a column 'run'",
         )
+    text = f"{rows_were(repeated, 'with the previous time stamp')} merged with the row before"
+    if not clash.any():
+        return [Finding("info", "repeated stamps", name, "t", None, f"{text}: they fill each other's empty cells")]
+    lost = "the value" if clash.sum() == 1 else f"{int(clash.sum())} values"
+    return [Finding("warning", "repeated stamps", name, "t", None, f"{text}, and {lost} that differed left out")]
 
 
 def _first_command(columns: dict[str, FloatArray]) -> int:

@@ -79,10 +79,6 @@ def order_rows(stamps: Stamps, where: str, apart: str = "a column 'run'", joined
         t, rows = _sorted(stamps, rows, late, where, apart)
         warnings.append(("stamps out of order", f"{rows_were(late.size)} out of order, and all are sorted now"))
     first = np.flatnonzero(np.diff(t, prepend=-np.inf) > 0.0)
-    if len(first) < len(t):
-        repeated = len(t) - len(first)
-        message = f"{rows_were(repeated, 'with the previous time stamp')} merged with the row before"
-        warnings.append(("repeated stamps", message))
     t = t[first]
     if not joined:
         _check_unit(t, where)

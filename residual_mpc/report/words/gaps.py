@@ -9,6 +9,8 @@ Gap = Mapping[str, Any]  # `gap` of diagnosis.json, or what `gap --json` prints;
 RULES = 3.0  # times the median window's gap, from which a few windows make up the whole
 USELESS = 0.3  # gap from which a model that is worse than a forecast of constant velocity says nothing
 ALIKE = 1.05  # times a forecast's gap, up to which a model is no worse
+FAR = 3.0  # times the noise floor, from which a gap is no noise, whatever the floor's error
+NEAR = 2.0  # times the noise floor, up to which a gap may be noise
 DIVERGES = 10.0  # a gap from which the prediction runs away
 
 
@@ -57,6 +59,11 @@ def few_windows(gap: Gap, last: bool) -> str:
     )
 
 
+def floor_matters(gap: Gap) -> bool:
+    """Whether a gap at any horizon is so near its noise floor that a lower floor would change the reading."""
+    return any(first_of(one) < FAR * float(one.get("noise_floor") or 0.0) for one in horizons_of(gap))
+
+
 def size(gap: float) -> str:
     """How much of the motion a model with that gap misses: "misses 21 % of the motion"."""
     if gap >= DIVERGES:
@@ -67,19 +74,23 @@ def size(gap: float) -> str:
 
 
 def warnings(gap: Gap, explained: bool) -> list[str]:
-    """What makes the figures doubtful, a sentence each: a model that is worse than a forecast without one, and one
-    that diverges."""
+    """What makes the figures doubtful, a sentence each: noise in which a correct model would do no better, a model that
+    is worse than a forecast without one, and one that diverges."""
     constant = gap.get("constant_velocity")
     nominal = float(gap["nominal"]) if gap.get("nominal") is not None else first_of(gap)
     last = last_of(gap) if explained else None
     models = [("nominal", nominal)] if last is None else [("nominal", nominal), ("final", last)]
+    if (noise := _noise_alone(gap, models[-1][1])) is not None:
+        return [noise]
     said = []
     if constant is not None:
         worse = {name: value for name, value in models if value > ALIKE * constant}
         if worse:
             who = "This model" if len(models) == 1 else f"The {' and the '.join(worse)} model"
             verb, their = ("predicts", "its") if len(worse) == 1 else ("predict", "their")
-            nothing = f", so {their} figures are not meaningful for these runs" if max(worse.values()) > USELESS else ""
+            few = all(few_windows(gap, name == "final") for name in worse)
+            useless = max(worse.values()) > USELESS and not few
+            nothing = f", so {their} figures are not meaningful for these runs" if useless else ""
             said.append(f"{who} {verb} worse than a constant-velocity forecast ({number(constant)}){nothing}.")
         if constant < models[-1][1] <= ALIKE * constant:
             who = "This" if len(models) == 1 else f"The {models[-1][0]}"
@@ -87,6 +98,18 @@ def warnings(gap: Gap, explained: bool) -> list[str]:
     if nominal >= 1.0:
         said.append(f"The nominal model {size(nominal)}: a model that predicts no motion would be better.")
     return said
+
+
+def _noise_alone(gap: Gap, last: float) -> str | None:
+    """A sentence where the noise floor is so high that even a correct model is worse than a forecast without one, and
+    the last model is near it; None elsewhere. An unstable robot amplifies the noise in a window's start."""
+    floor, constant = float(gap.get("noise_floor") or 0.0), gap.get("constant_velocity")
+    if last > NEAR * floor or floor < (1.0 if constant is None else min(float(constant), 1.0)):
+        return None
+    return (
+        f"At {number(gap['horizon'])} s the noise in the measured start of a prediction alone makes a gap of "
+        f"{number(floor, 2)}, so a correct model would do no better: choose a shorter --horizon."
+    )
 
 
 def hardest(gap: Gap, key: str) -> Gap:
