@@ -15,9 +15,11 @@ from oracles.rover_log import SIGMA, rover_run
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.results.causes import causes_of
+from residual_mpc.diagnosis.results.intervals import spread_of
 from residual_mpc.diagnosis.results.records import Cause, Estimate
 from residual_mpc.diagnosis.results.settings import CauseSettings, ResultSettings
 from residual_mpc.diagnosis.results.support import Support
+from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.models.settings import Knob
 
 TUNED = ResultSettings(causes=CauseSettings(law=0.0, order=0.0))  # what the data say by themselves
@@ -162,6 +164,18 @@ def test_an_interval_holds_other_ends_of_the_fit_and_fits_without_a_doubtful_eff
     assert ended.ci95 == pytest.approx((plain.ci95[0], 1.5)) and "differ and are equally good" in ended.note
     lacked = estimates(known(), lacking={SCALE: (0.8,)})["scale"]
     assert lacked.ci95 == pytest.approx((0.8 - half_width(plain), plain.ci95[1])) and not lacked.note
+
+
+def test_an_interval_holds_the_mean_of_the_sizes_in_single_runs() -> None:
+    """One run that moves much may fix a number that the others contradict; what varies with the motion has no mean."""
+    of = known()
+    plain, term = spread_of(of, {}, TUNED), SCALE.term
+    by_run, by_motion = Variation(by_run={"a": 1.0, "b": 1.6}), Variation(by_motion={"small": 1.0, "large": 1.6})
+    for variation, mean in ((by_run, (1.3,)), (by_motion, ())):
+        found = spread_of(of, {term: variation}, TUNED)
+        assert found.others[SCALE] == (*plain.others[SCALE], *mean)
+        assert found.others[GAIN] == plain.others[GAIN]
+        np.testing.assert_array_equal(found.sigma, plain.sigma)  # two runs tell no scatter between them
 
 
 def test_an_interval_holds_the_value_beside_one_more_small_effect() -> None:

@@ -1,6 +1,7 @@
 """The causes of a diagnosis: each chosen effect with its probability and its numbers."""
 
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
@@ -16,12 +17,14 @@ from residual_mpc.diagnosis.results.readjusted import readjusted
 from residual_mpc.diagnosis.results.records import Cause, Estimate
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.support import Support
+from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.effects.effect import Parameter
 from residual_mpc.effects.laws import is_law
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.effects.sensor import SENSOR_OUTLIERS
 from residual_mpc.models.settings import TUNE, Knob, Term
 
+NO_VARIATION: Mapping[Term, Variation] = MappingProxyType({})
 LIMITED = ("output", "turn")  # references of limits that leave smaller signals unchanged
 # The values of each number in fits without one of some effects
 ValuesWithout = Callable[[Sequence[Term]], Mapping[Knob, tuple[float, ...]]]
@@ -35,7 +38,7 @@ def causes_of(
     doubt: Mapping[Term, float],
     values_without: ValuesWithout,
     settings: ResultSettings,
-    varying: Container[Term] = (),
+    varying: Mapping[Term, Variation] = NO_VARIATION,
 ) -> tuple[Cause, ...]:
     """unexplained: share of the squared gap beyond the floor that is left; sure: what each effect gets without a rival;
     supports and doubt: of each effect, see `support`; values_without: see `refitted_without`; varying: effects whose

@@ -1,7 +1,7 @@
 """The numbers of a diagnosis, each with an interval that includes the model's own error."""
 
 import math
-from collections.abc import Container, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,13 +15,14 @@ from residual_mpc.diagnosis.results.digital_servo import hidden_inertia
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.records import Estimate
 from residual_mpc.diagnosis.results.settings import ResultSettings
+from residual_mpc.diagnosis.results.size_numbers import ANGLES, size_knobs
 from residual_mpc.diagnosis.results.step_shift import finely_stepped
+from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.diagnosis.search.late_partners import LATE, quantity_of
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.parameter_units import unit_of
 from residual_mpc.models.settings import TUNE, Knob, Term
 
-ANGLES = ("heading", "phase")  # numbers that come round after a turn
 AT_BOUND = "at the bound of its search range"
 FROM_BELOW = "the runs bound it from below only"
 
@@ -37,12 +38,15 @@ class Spread:
     others: Mapping[Knob, tuple[float, ...]]
 
 
-def spread_of(of: FittedExplanation, varying: Container[Term], settings: ResultSettings) -> Spread:
+def spread_of(of: FittedExplanation, varying: Mapping[Term, Variation], settings: ResultSettings) -> Spread:
+    """varying: effects whose sizes in parts of the runs are told; the sizes in single runs are spread as the runs
+    disagree, about their own mean too: one long run may have fixed the number."""
     final, problem = of.final, of.problem
     within = sigmas(problem, final, settings=settings)
     blocks = int(blocks_of(problem.data, settings=settings.fit).max()) + 1
     between = sigma_between_runs(final, problem.data.run, within, blocks, settings=settings)
-    sigma = np.where([k.term in varying for k in final.knobs], within, between)
+    by_run = {t: tuple(v.by_run.values()) for t, v in varying.items() if v.by_run}
+    sigma = np.where([k.term in varying and k.term not in by_run for k in final.knobs], within, between)
     aside = _aside(of, sigma, settings=settings)
     finer = finely_stepped(problem, final)
     beside = _beside_others(of)
@@ -53,6 +57,9 @@ def spread_of(of: FittedExplanation, varying: Container[Term], settings: ResultS
         k: (*beside[k], *shifted[k], *([finer[k]] if k in finer else ()), *earlier.get(k, ())) for k in final.knobs
     }
     others |= {k: (*others[k], final.values[k] + more) for k, more in held.items()}
+    for term, sizes in by_run.items():
+        knob = size_knobs(final.values, term)[0]
+        others[knob] = (*others[knob], float(np.mean(sizes)))
     return Spread(sigma, aside, others)
 
 

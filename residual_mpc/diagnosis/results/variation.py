@@ -7,7 +7,7 @@ the other parameters stay. A variation is reported only if predictions with a se
 beyond doubt.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,12 +19,12 @@ from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import Fit, on_problem
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
-from residual_mpc.diagnosis.results.intervals import ANGLES
 from residual_mpc.diagnosis.results.settings import ResultSettings, VariationSettings
+from residual_mpc.diagnosis.results.size_numbers import size_knobs
 from residual_mpc.diagnosis.results.variation_records import Instant, Variation
 from residual_mpc.effects.laws import is_law
 from residual_mpc.effects.library import BY_NAME
-from residual_mpc.models.settings import TUNE, Knob, Term, Values
+from residual_mpc.models.settings import Knob, Term, Values
 
 ITERATIONS = 4  # of the sizes of the parts
 LEVELS = ("small", "medium", "large")  # of the motion within a window
@@ -64,7 +64,7 @@ class _Scores:
 def variations(of: FittedExplanation, settings: ResultSettings) -> dict[Term, Variation]:
     """The named effects whose size is not steady, tested on windows of the headline's horizon, held-out ones included;
     long logs are thinned evenly."""
-    terms = [t for t in of.final.terms if not is_law(t.effect) and _sizes(of.final.values, t)]
+    terms = [t for t in of.final.terms if not is_law(t.effect) and size_knobs(of.final.values, t)]
     if not terms:
         return {}
     data = of.clean.take(evenly(of.clean, settings.variation.steps, settings=settings.data))
@@ -153,7 +153,7 @@ class _Found:
 def _scores(fit: Fit, term: Term, r: np.ndarray, blocks: np.ndarray, run: np.ndarray) -> _Scores:
     """With the residuals r (W, n): over the dispersion of the blocks' scores about the size that suits each run."""
     direction = np.zeros(len(fit.knobs))
-    for k in _sizes(fit.values, term):
+    for k in size_knobs(fit.values, term):
         i = fit.knobs.index(k)
         direction[i] = (fit.values[k] - _null(k)) / fit.scales[i]
     j = fit.jacobian @ direction
@@ -212,7 +212,7 @@ def _divided(
     better = _sizes_of(problem, values, scores, parts) if linear > settings.screened * need else None
     if better is None or better.gain <= need or np.ptp(better.steps) <= settings.material:
         return None
-    knob = _sizes(values, scores.term)[0]
+    knob = size_knobs(values, scores.term)[0]
     sizes = [float(_scaled(problem, values, scores.term, s)[knob]) for s in better.steps]
     every = dict(zip((division.names[k] for k in shown), sizes, strict=True))
     restricts = np.isinf(BY_NAME[knob.effect].parameter(knob.parameter).null)
@@ -227,7 +227,7 @@ def _instant(scores: _Scores, problem: Problem, values: Values, settings: Variat
     """Where the effect begins or ends, if it does in the middle of the runs; None for a limit or a stiffness, which no
     size takes away."""
     data, term = problem.data, scores.term
-    if not all(np.isfinite(BY_NAME[k.effect].parameter(k.parameter).null) for k in _sizes(values, term)):
+    if not all(np.isfinite(BY_NAME[k.effect].parameter(k.parameter).null) for k in size_knobs(values, term)):
         return None
     order = np.lexsort((data.start, data.run))
     h, g = np.cumsum(scores.information[order])[:-1], np.cumsum(scores.score[order])[:-1]
@@ -288,17 +288,11 @@ def _sizes_of(problem: Problem, values: Values, scores: _Scores, parts: list[np.
 def _scaled(problem: Problem, values: Values, term: Term, step: float) -> Values:
     """The values with the size of one effect multiplied by 1 + step, clipped to its bounds."""
     out = dict(values)
-    for k in _sizes(values, term):
+    for k in size_knobs(values, term):
         low, high = problem.space.bounds(k)
         null = _null(k)
         out[k] = float(np.clip(null + (values[k] - null) * (1.0 + step), low, high))
     return out
-
-
-def _sizes(values: Mapping[Knob, float], term: Term) -> list[Knob]:
-    """The parameters that say how much of an effect there is."""
-    mine = (k for k in values if k.effect != TUNE and k.term == term and k.parameter not in ANGLES)
-    return [k for k in mine if not BY_NAME[k.effect].parameter(k.parameter).shape]
 
 
 def _null(knob: Knob) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.predict.problem import Problem
-from residual_mpc.diagnosis.results.intervals import ANGLES
+from residual_mpc.diagnosis.results.size_numbers import ANGLES
 from residual_mpc.effects.laws import is_law
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.experiment.confirmation.inputs import ConfirmationInput
