@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.audit import ActuatorFacts, RobotFacts
 from residual_mpc.logs.audit.facts import CommandKind
@@ -12,6 +14,7 @@ from residual_mpc.models.parameter_units import command_units
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import WHEELS
 
+SLOW = 1e-3  # rad/s or m/s: so slow that nothing but damping depends on the speed
 PLACE, HEADING = ("pose.x", "pose.y"), "pose.theta"
 
 
@@ -25,15 +28,30 @@ def facts_of(robot: Robot) -> RobotFacts:
         "velocity": "velocity",
     }
     gears = (g if g else 1.0 for g in optional.gear_ratios(robot))
-    driven = zip(robot.actuators, joints, robot.command_kinds, gears, command_units(robot), strict=True)
+    driven = zip(
+        robot.actuators, joints, robot.command_kinds, gears, command_units(robot), _servo_lags(robot), strict=True
+    )
     return RobotFacts(
-        tuple(ActuatorFacts(a, j, kinds[k], 1.0 if k == "torque" else g, unit == "1") for a, j, k, g, unit in driven),
+        tuple(
+            ActuatorFacts(a, j, kinds[k], 1.0 if k == "torque" else g, unit == "1", lag)
+            for a, j, k, g, unit, lag in driven
+        ),
         robot.channels,
         optional.sliding(robot),
         optional.limits(robot),
         optional.clamps(robot),
         robot.nominal().get(WHEELS[0]) if set(robot.command_kinds) == {"speed"} else None,
     )
+
+
+def _servo_lags(robot: Robot) -> list[float | None]:
+    """s: how far each position servo of the model is behind its command in a steady motion, over its speed. Opposite
+    speeds at one place leave out what carries the load."""
+    motion = {s.position: np.zeros(2) for s in robot.states}
+    motion |= {s.velocity: np.array([SLOW, -SLOW]) for s in robot.states if s.velocity is not None}
+    ahead, back = optional.steady_setpoints(robot, motion)
+    lags = (ahead - back) / (2.0 * SLOW) / np.array([g if g else 1.0 for g in optional.gear_ratios(robot)])
+    return [float(lag) if np.isfinite(lag) else None for lag in lags]
 
 
 def check_columns(runs: Sequence[Run], robots: Sequence[Robot]) -> None:

@@ -25,6 +25,7 @@ from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.verdict import judged_share, verdict_of
 from residual_mpc.logs.run import Run
 from residual_mpc.models import optional
+from residual_mpc.models.facts import facts_of
 from residual_mpc.models.settings import Knob, assemble
 from residual_mpc.models.targets import Targets
 
@@ -213,6 +214,14 @@ def test_a_gear_turns_the_setpoint_into_units_of_the_command(tmp_path: Path) -> 
     found = optional.steady_setpoints(geared, {"position.hub": q, "velocity.hub": v})
     load = MASS * GRAVITY * ARM * np.cos(q)
     assert found[:, 0] == pytest.approx(2.0 * q + (2.0 * DAMPED * v + 0.5 * load) / STIFF)
+
+
+@pytest.mark.parametrize(("gear", "lag"), [(1.0, DAMPED / STIFF), (-2.0, DAMPED / STIFF)])
+def test_the_audit_knows_the_lag_of_the_model_s_own_servo(tmp_path: Path, gear: float, lag: float) -> None:
+    """Damping over gain, whatever the load and the gear; a torque motor has none."""
+    geared = robot(tmp_path, SERVO.replace("/>", f' gear="{gear}"/>'))
+    assert [a.lag for a in facts_of(geared).actuators] == [pytest.approx(lag, rel=1e-6)]
+    assert facts_of(robot(tmp_path, MOTOR)).actuators[0].lag is None
 
 
 def test_variants_have_no_setpoint_of_their_own(tmp_path: Path) -> None:

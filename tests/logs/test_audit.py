@@ -111,6 +111,10 @@ def test_a_delay_is_no_fault() -> None:
     assert {f.kind for f in findings} == {"late answer"}
     found = [float(f.message.split("about ")[1].split(" ms")[0]) for f in findings]
     np.testing.assert_allclose(found, 60.0, atol=10.0)
+    assert all(f.message.endswith("(delay, lag and inertia combined)") for f in findings)
+    known = replace(ARM, actuators=tuple(replace(a, lag=0.045) for a in ARM.actuators))
+    said = "(the model's own servo has 45 ms; inertia, delay and lag add to it)"
+    assert all(f.message.endswith(said) for f in audit(arms(), known))
 
 
 DEG = 180.0 / np.pi

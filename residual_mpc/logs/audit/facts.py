@@ -19,6 +19,7 @@ class ActuatorFacts:
         kind: what the command asks of the joint.
         gear: of a servo, its command over the joint's position or velocity; negative where they go opposite ways.
         share: whether the command is a share of the motor's torque, without a unit.
+        lag: s by which the model's own servo is behind its command in a steady motion, None where that is not known.
     """
 
     name: str
@@ -26,6 +27,7 @@ class ActuatorFacts:
     kind: CommandKind
     gear: float = 1.0
     share: bool = False
+    lag: float | None = None
 
 
 @dataclass(frozen=True)

@@ -217,7 +217,14 @@ def _delay(actuator: ActuatorFacts, name: str, seen: Follow, dt: float) -> list[
                 "",
                 name,
                 None,
-                f"{name} lags command.{actuator.name} by about {lag * 1e3:.0f} ms (delay, lag and inertia combined)",
+                f"{name} lags command.{actuator.name} by about {lag * 1e3:.0f} ms ({_made_of(actuator)})",
             )
         ]
     return []
+
+
+def _made_of(actuator: ActuatorFacts) -> str:
+    """What the time between a command and its answer consists of."""
+    if actuator.lag is None:
+        return "delay, lag and inertia combined"
+    return f"the model's own servo has {actuator.lag * 1e3:.0f} ms; inertia, delay and lag add to it"
