@@ -338,8 +338,10 @@ def test_noise_that_a_correct_model_would_not_predict_is_no_fault_of_the_model()
     (said,) = warnings(gap, False)
     assert said == (
         "At 1 s the noise in the measured start of a prediction alone makes a gap of 1.4, so a correct model would do "
-        "no better: choose a shorter --horizon."
+        "no better. Shorten the horizon (for example --horizon 0.25)."
     )
+    unknown = {"verdict": "unknown", "explanation": [], "gap": gap | {"before": 1.63, "after": 1.63, "blinded": True}}
+    assert sentence(unknown).endswith("Shorten the horizon (for example --horizon 0.25), or record calmer motions.")
     assert "not meaningful" in warnings(gap | {"nominal": 4.2}, False)[0]
     assert warnings(gap | {"nominal": 0.6, "noise_floor": 0.4}, False) == []
 

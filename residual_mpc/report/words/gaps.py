@@ -11,6 +11,7 @@ USELESS = 0.3  # gap from which a model that is worse than a forecast of constan
 ALIKE = 1.05  # times a forecast's gap, up to which a model is no worse
 FAR = 3.0  # times the noise floor, from which a gap is no noise, whatever the floor's error
 NEAR = 2.0  # times the noise floor, up to which a gap may be noise
+QUARTER = 0.25  # of a horizon over which noise hides everything, to try next
 DIVERGES = 10.0  # a gap from which the prediction runs away
 
 
@@ -108,8 +109,13 @@ def _noise_alone(gap: Gap, last: float) -> str | None:
         return None
     return (
         f"At {number(gap['horizon'])} s the noise in the measured start of a prediction alone makes a gap of "
-        f"{number(floor, 2)}, so a correct model would do no better: choose a shorter --horizon."
+        f"{number(floor, 2)}, so a correct model would do no better. Shorten the horizon ({shorter(gap)})."
     )
+
+
+def shorter(gap: Gap) -> str:
+    """The horizon to try where noise hides everything over the present one."""
+    return f"for example --horizon {number(QUARTER * gap['horizon'], 2)}"
 
 
 def hardest(gap: Gap, key: str) -> Gap:

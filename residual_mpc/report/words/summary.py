@@ -5,7 +5,7 @@ from typing import Any
 
 from residual_mpc.diagnosis.results.intervals import AT_BOUND
 from residual_mpc.report.words.effects import STATES, name, name_at, numbers_of, sentence_of, variation_clause
-from residual_mpc.report.words.gaps import at_horizon, hardest, ratio, size
+from residual_mpc.report.words.gaps import at_horizon, hardest, ratio, shorter, size
 from residual_mpc.report.words.groups import or_else
 from residual_mpc.report.words.numbers import listed, number, percent
 from residual_mpc.report.words.servo import short_reading
@@ -81,7 +81,7 @@ def _unknown(document: Mapping[str, Any]) -> str:
         missed = f"miss {number(gap['noise_floor'], 2)} times the motion"
         return (
             f"These runs cannot test the model over {number(gap['horizon'], 2)} s: the sensor noise alone makes the "
-            f"prediction of a perfect model {missed}. Shorten the horizon, or record calmer motions."
+            f"prediction of a perfect model {missed}. Shorten the horizon ({shorter(gap)}), or record calmer motions."
         )
     worst = hardest(gap, "before")
     times = ratio(worst, "before")
