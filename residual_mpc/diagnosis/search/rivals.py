@@ -207,8 +207,8 @@ def _fits(
     small, weight = smaller(problem, rest, settings=settings)
     chosen = np.einsum("wn,wn->w", r := small.residuals([fit.values])[0], r)
     new = [frozenset(s).difference(rest.knobs) for s in starts]
-    starts, near = _beside_the_better_values(small, starts, rest, fit, settings)
-    rough = fit_all(small, starts, additions.rough, rough=True, near=near, fresh=new, settings=settings.fit)
+    starts, beside = _beside_the_better_values(small, starts, rest, fit, settings)
+    rough = fit_all(small, starts, additions.rough, rough=True, near=beside, fresh=new, settings=settings.fit)
     rough = _carried_on(small, starts, rough, new, settings)
     shown = with_shown(small, rough, phi, weight, settings)
     rough = [r if s is None else s for r, s in zip(rough, shown, strict=True)]
@@ -236,9 +236,8 @@ def _beside_the_better_values(
     others = [{**s, **kept} for s in starts]
     costs = np.einsum("hwn,hwn->h", r := small.residuals([*starts, *others]), r)
     chosen = costs[len(starts) :] < costs[: len(starts)]
-    rest_here, fit_here = (on_problem(small, f, settings=settings.fit) for f in (rest, fit))
-    pairs = zip(starts, others, chosen, strict=True)
-    return [b if c else a for a, b, c in pairs], [fit_here if c else rest_here for c in chosen]
+    here = {c: on_problem(small, fit if c else rest, settings=settings.fit) for c in set(chosen.tolist())}
+    return [b if c else a for a, b, c in zip(starts, others, chosen, strict=True)], [here[c] for c in chosen.tolist()]
 
 
 def _carried_on(
