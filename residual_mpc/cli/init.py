@@ -40,7 +40,7 @@ def init(
     from residual_mpc.init.built_in import draft_built_in
     from residual_mpc.init.draft import draft
     from residual_mpc.init.draft_text import robot_file_text
-    from residual_mpc.init.mended_logs import write_corrected_logs
+    from residual_mpc.init.mended_logs import refuse_corrected, write_corrected_logs
     from residual_mpc.init.trial import try_robot
 
     if out.is_dir():
@@ -48,6 +48,7 @@ def init(
     if out.exists() and not force:
         remedy = "overwrite it with --force, or choose another with --out"
         raise BadInput("this file already exists", str(out), remedy)
+    refuse_corrected(runs)
     by_name = model.isidentifier() and not Path(model).exists()
     drafted = draft_built_in(model, runs) if by_name else draft(Path(model), runs)
     text = robot_file_text(drafted, out.parent)

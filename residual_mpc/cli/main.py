@@ -73,13 +73,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
         error.show()
         sys.exit(1)
     except (click.Abort, KeyboardInterrupt):
-        click.echo("residual-mpc: stopped", err=True)
+        click.echo(f"residual-mpc: stopped{_going_on(sys.argv[1:] if arguments is None else arguments)}", err=True)
         sys.exit(1)
     except BrokenPipeError:
         sys.exit(1)
     finally:
         warnings.showwarning = usual
     sys.exit(0)
+
+
+def _going_on(arguments: Sequence[str]) -> str:
+    """How a stopped command goes on, for those that can."""
+    if "diagnose" not in arguments or "--out" not in arguments:  # without a folder nothing is kept
+        return ""
+    return "; the same command goes on from here, and unfinished.json holds the best effects so far, if any were found"
 
 
 def _tell_warnings() -> None:

@@ -148,8 +148,8 @@ ACTUATOR_GAIN = Effect(
     timed=False,
     steady=True,
     imitates=frozenset({"time", "position", "speed", "load"}),
-    # not of the load: a gain changes what that is a law of
-    laws=(("strength", "time", "constant"), ("strength", "position", "constant")),
+    # not of the load: a gain changes what that is a law of; a torque in proportion to that which is commanded is a gain
+    laws=(("strength", "time", "constant"), ("strength", "position", "constant"), ("torque", "command", "line")),
     interchangeable="rim speed",
     phrase=Phrase("{who} delivers {gain} of its modelled output", shares=("gain",)),
     nouns={"gain": Noun("actuator gain", "factor", targeted="gain")},

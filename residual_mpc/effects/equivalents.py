@@ -75,7 +75,7 @@ TURNS = "log the wheel encoders, and drive far enough for the wheels to turn man
 MINUTES = "log one run of several minutes, with motion in its first and in its last seconds"
 FOLDED = "hold the arm stretched out and folded, in several directions"
 AROUND = "hold the arm stretched out in several directions about the vertical"
-OFF = "log stretches with the motor off (enabled.* = 0)"
+OFF = "support the robot, and log stretches with the motor off (enabled.* = 0)"
 STEPS_AHEAD = "drive straight ahead in small and large steps"
 STEPS_OF_TURN = "turn in place in small and large steps"
 

@@ -14,6 +14,29 @@ from residual_mpc.logs.readers.find import find_tables, stem
 from residual_mpc.logs.readers.headers import read_headers
 from residual_mpc.logs.readers.table import Header
 
+CORRECTED = b"residual_mpc.corrected"  # in the metadata of tables that are written here
+
+
+def refuse_corrected(paths: Sequence[str | Path]) -> None:
+    """Raises BadInput for a table that `write_corrected_logs` has written: its columns keep their names, of which some
+    say degrees, and would be corrected once more."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    for path in find_tables(paths):
+        if path.suffix != ".parquet":
+            continue
+        try:
+            metadata = pq.read_schema(path).metadata or {}
+        except (OSError, pa.ArrowInvalid):
+            continue  # the reader says what is wrong with it
+        if CORRECTED in metadata:
+            raise BadInput(
+                "these runs have been corrected by init already",
+                str(path),
+                "give init the runs as they were logged; the robot file that it wrote with these ones fits them",
+            )
+
 
 def write_corrected_logs(paths: Sequence[str | Path], mends: Sequence[LogCorrection], folder: Path) -> tuple[Path, ...]:
     """The tables with their columns mended, as Parquet files of the same names; all else is kept.
@@ -35,7 +58,7 @@ def write_corrected_logs(paths: Sequence[str | Path], mends: Sequence[LogCorrect
         with tempfile.TemporaryDirectory(dir=folder) as scratch:  # all of them or none
             parts = [Path(scratch) / target.name for target in targets]
             for source, part in zip(sources, parts, strict=True):
-                pq.write_table(pa.table(_mended(source, mends)), part)
+                pq.write_table(pa.table(_mended(source, mends)).replace_schema_metadata({CORRECTED: b"yes"}), part)
             for part, target in zip(parts, targets, strict=True):
                 part.replace(target)
     except OSError as fault:

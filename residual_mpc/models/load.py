@@ -1,6 +1,7 @@
 """From a robot file to its model: built-in plants and entry points by name, a user's own by module path."""
 
 import difflib
+import fnmatch
 import importlib
 import sys
 from collections.abc import Callable, Iterator
@@ -11,6 +12,7 @@ from types import ModuleType
 from typing import Any
 
 from residual_mpc.errors import BadInput
+from residual_mpc.logs.columns import did_you_mean
 from residual_mpc.models.motors.tables import check_names
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import RobotFile
@@ -24,7 +26,8 @@ def load_robot(robot: RobotFile) -> Robot:
     """Build the nominal model that the file names.
 
     Raises BadInput for a plant that does not exist, whose module does not import, or whose factory fails, for states in
-    channels that the model does not predict, and for a motor of an actuator that the model does not have.
+    channels that the model does not predict, for a motor of an actuator that the model does not have, and for a pattern
+    under `tunable` that matches no parameter.
     """
     factory = _factory(robot)
     try:
@@ -49,7 +52,21 @@ def load_robot(robot: RobotFile) -> Robot:
             "add them to `channels` and let `replay` predict them, or give the State no velocity",
         )
     check_names(robot.motors, model.actuators, robot.source)
+    _check_tunable(robot, model)
     return model
+
+
+def _check_tunable(robot: RobotFile, model: Robot) -> None:
+    """Raises BadInput for a pattern under `tunable` that no parameter of the model matches."""
+    names = list(model.nominal())
+    general = [f"{n.split('.')[0]}.*.{n.split('.')[-1]}" if n.count(".") > 1 else n for n in names]
+    for pattern in robot.tunable:
+        if not any(fnmatch.fnmatchcase(name, pattern) for name in names):
+            raise BadInput(
+                f"tunable names {pattern!r}, which matches no parameter of the model",
+                robot.source,
+                did_you_mean(pattern, dict.fromkeys(general) if "*" in pattern else names),
+            )
 
 
 @contextmanager

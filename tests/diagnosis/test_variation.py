@@ -114,6 +114,19 @@ def test_a_limit_that_some_runs_do_not_show_has_no_size_there() -> None:
     assert variation.document()["free"] == ["r1"] and "r1" not in variation.document()["by_run"]
 
 
+def test_a_run_that_hardly_shows_an_effect_has_no_size() -> None:
+    """The size that would suit it best is far from any other, and says nothing."""
+    rng = np.random.default_rng(2)
+    columns = {k: 4.0 * rng.standard_normal((DATA.count, 20)) for k in (SCALE, GAIN)}
+    columns[SCALE][DATA.run == 0] *= 1e-3
+    change = np.array([0.0, 0.3, -0.3, 0.3, -0.3, 0.3])[DATA.run]
+    noise = rng.standard_normal((DATA.count, 20)) - columns[SCALE] * change[:, None]
+    problem: Any = Linear(DATA, space_of(DATA), columns, {SCALE: 1.4, GAIN: 0.8}, noise)
+    fit = fitted(problem, {SCALE: 1.4, GAIN: 0.8})
+    sizes = variations_on(problem, fit, [SCALE.term], measure_scales(DATA), ResultSettings())[SCALE.term].by_run
+    assert sizes is not None and list(sizes) == [f"r{k}" for k in range(1, 6)]
+
+
 def test_an_effect_that_moves_no_prediction_is_steady() -> None:
     """As a limit that the runs do not reach at the size that fits them."""
     columns = {SCALE: np.zeros((DATA.count, 20)), GAIN: np.ones((DATA.count, 20))}

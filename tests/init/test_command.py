@@ -70,6 +70,9 @@ def test_mended_runs_are_usable(folder: Path, tmp_path: Path, capsys: pytest.Cap
     assert status == 0 and "usable" in said
     whole = pd.read_parquet(mended / "strange.parquet")
     assert whole["stamp_ms"].iloc[-1] == pytest.approx(13.99) and len(whole.columns) == 7
+    status, _, said = call(capsys, "init", folder / "arm.xml", mended, "--out", tmp_path / "again.toml")
+    assert status == 2 and "strange.parquet: these runs have been corrected by init already" in said
+    assert not (tmp_path / "again.toml").exists()
 
 
 def test_a_robot_file_is_not_overwritten_unasked(

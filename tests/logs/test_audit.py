@@ -275,6 +275,36 @@ def test_a_motion_that_rests_at_several_places_is_not_said_to_be_clipped() -> No
     assert "clipped command" not in {f.kind for f in audit(with_fault(arms(), fault), ARM)}
 
 
+def test_a_column_with_a_typing_mistake_is_an_error() -> None:
+    """The joint would not be compared; a name of another joint is only strange."""
+    facts = replace(ARM, channels=(*(c for c in ARM.channels if c != "position.a"), "position.elbow_joint"))
+
+    def named(name: str) -> list[Finding]:
+        runs = with_fault(arms(), lambda c: c.update({name: c.pop("position.a")}))
+        return [f for f in audit(runs, facts) if f.kind == "unknown channel"]
+
+    assert [(f.severity, f.remedy) for f in named("position.elbo_joint")] == [
+        ("error", "did you mean 'position.elbow_joint'?")
+    ]
+    assert [f.severity for f in named("position.gripper")] == ["warning"]
+    assert [f.severity for f in named("velocity.elbow_joint")] == ["warning"]
+
+
+@pytest.mark.parametrize(("moved", "said"), [(1.0, True), (0.2, False)])
+def test_a_joint_that_moves_far_under_a_constant_command_is_said(moved: float, said: bool) -> None:
+    """Less is how a servo sags or is pushed."""
+
+    def fault(columns: Columns) -> None:
+        columns["command.a"] = np.full_like(columns["command.a"], 0.3)
+        columns["position.a"] = moved * np.linspace(-0.5, 0.5, len(columns["position.a"]))
+
+    found = [f for f in audit(with_fault(arms()[:1], fault), ARM) if f.kind == "constant command"]
+    assert bool(found) is said
+    if said:
+        assert (found[0].severity, found[0].column, found[0].run) == ("warning", "command.a", "run0")
+        assert "while position.a spans a range of 0.9" in found[0].message
+
+
 def test_a_sample_that_jumps_far_away_says_nothing_of_units_or_steps() -> None:
     def fault(columns: Columns) -> None:
         columns["pose.x"][150] = 1e6

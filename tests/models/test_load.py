@@ -58,3 +58,22 @@ def test_states_must_be_channels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     (tmp_path / "robot.toml").write_text('name = "rover"\nplant = "a_users_rover:make"\n')
     with pytest.raises(BadInput, match="states in velocity.x, which are not among its channels"):
         load_robot(read_robot_file(tmp_path / "robot.toml"))
+
+
+@pytest.mark.parametrize(
+    ("pattern", "said"),
+    [
+        ("wheel_radus", "did you mean 'wheel_radius'?"),
+        ("whel_*", "known here: wheel_radius, track_width"),
+        ("wheel_*", ""),
+    ],
+)
+def test_a_tunable_pattern_has_to_match_something(tmp_path: Path, pattern: str, said: str) -> None:
+    (tmp_path / "robot.toml").write_text(f'name = "rover"\nplant = "diff_drive"\ntunable = ["{pattern}"]\n')
+    if not said:
+        assert rm.load_robot(tmp_path / "robot.toml").name == "rover"
+        return
+    with pytest.raises(BadInput) as refused:
+        rm.load_robot(tmp_path / "robot.toml")
+    message = str(refused.value).lower()
+    assert "which matches no parameter of the model. " + said in message

@@ -108,7 +108,8 @@ class VariationSettings:
     """beyond_doubt, per_part: drop in cost over dispersion that a variation of an effect's size must be worth, and what
     each further part of the windows adds to that; material: spread of the sizes, relative to the effect, from which
     it is stated; absent: share of the size on the other side of an instant below which an effect counts as absent;
-    free: times a limit or a stiffness, from which on it restricts nothing; screened: share of the required drop
+    told: standard error of the size in a part, relative to the effect, up to which the part tells of it; free: times a
+    limit or a stiffness, from which on it restricts nothing; screened: share of the required drop
     that the derivatives must predict before anything is replayed; steps: maximum simulation steps of a prediction;
     runs: most runs that are compared with each other; fewest: windows on either side of an instant."""
 
@@ -116,6 +117,7 @@ class VariationSettings:
     per_part: float = 4.0
     material: float = 0.15
     absent: float = 0.25
+    told: float = 0.5
     free: float = 10.0
     screened: float = 0.4
     steps: int = 40_000
@@ -123,7 +125,7 @@ class VariationSettings:
     fewest: int = 3
 
     def __post_init__(self) -> None:
-        check_positive(self, "beyond_doubt", "per_part", "material", "free", "steps", "runs", "fewest")
+        check_positive(self, "beyond_doubt", "per_part", "material", "told", "free", "steps", "runs", "fewest")
         check_share(self, "absent", "screened")
 
 

@@ -50,6 +50,11 @@ class _Scores:
         h = float(self.information[windows].sum())
         return -float(self.score[windows].sum()) / h if h > 0.0 else float("nan")
 
+    def tells(self, windows: np.ndarray, told: float) -> bool:
+        """Whether the standard error of the factor in these windows is at most `told`: a run in which nothing moves, or
+        in which a stop is not reached, says nothing of the size."""
+        return float(self.information[windows].sum()) * told**2 >= 1.0
+
     def scatter(self, windows: np.ndarray) -> float:
         """The sum of squares of these windows' own sizes about their common one, over the dispersion."""
         h, g = self.information[windows], self.score[windows]
@@ -205,7 +210,7 @@ def _divided(
     scores: _Scores, problem: Problem, values: Values, division: _Division, settings: VariationSettings
 ) -> _Found | None:
     """The sizes in the parts of a division; None if they do not differ beyond doubt and by something that matters."""
-    shown = [k for k, p in enumerate(division.parts) if np.isfinite(scores.step(p))]
+    shown = [k for k, p in enumerate(division.parts) if np.isfinite(scores.step(p)) and scores.tells(p, settings.told)]
     parts = [division.parts[k] for k in shown]
     need = settings.beyond_doubt + settings.per_part * (len(parts) - 1)
     linear = sum(scores.gain(p) for p in parts) - scores.gain(np.any(parts, axis=0)) if len(parts) > 1 else 0.0

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +17,8 @@ from residual_mpc.logs.signals import resolution
 FROZEN, FEWEST = 1.0, 20  # s and samples: the shortest stretch without a change that is reported
 FAR_LONGER = 5.0  # times the usual time between changes
 DRIVING = 0.2  # of a wheel's usual fastest command, above which it is told to turn
+FELL = 0.5  # rad, m: a servo with a constant command moves its joint by less than this, however it sags
+MISSPELT = 0.92  # similarity of two names (difflib) from which one is taken for the other with a typing mistake
 MOVED = 0.1  # rad, m: a position command that moves this far ought to move its joint
 
 
@@ -25,6 +29,7 @@ def check_channels(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
         *_strange_commands(runs, robot),
         *_channels(runs, robot),
         *(finding for run in runs for finding in (*_stuck(run, robot), *_stuck_pose(run, robot), *_frozen(run, robot))),
+        *_never_sent(runs, robot),
         *_switched_off(runs),
     ]
 
@@ -90,7 +95,7 @@ def _channels(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
             )
         )
     findings += _angles(runs, robot)
-    findings += _strange(
+    strange = _strange(
         runs,
         robot.channels,
         lambda run: (n for n in run.measured if group(n) != "effort" and not _has_speed(n, run, robot)),
@@ -98,12 +103,22 @@ def _channels(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
         "the robot's model does not predict this channel; the column is not compared",
         "",
     )
+    there = {name for run in runs for name in run.measured}
+    findings += [_misspelt(f, [c for c in robot.channels if c not in there]) for f in strange]
     for name in dict.fromkeys(n for run in runs for n in run.columns):
         empty = [r.name for r in runs if name in r.columns and not np.isfinite(r.columns[name]).any()]
         if empty:
             run, words = _where(empty, runs)
             findings.append(Finding("info", "empty column", run, name, None, f"{name} has no values {words}"))
     return findings
+
+
+def _misspelt(finding: Finding, lacking: Sequence[str]) -> Finding:
+    """A column that the robot does not have, as an error where its name is that of one that is missing but for a typing
+    mistake: left out, the joint would not be compared."""
+    same = [c for c in lacking if group(c) == group(finding.column)]
+    near = difflib.get_close_matches(finding.column, same, n=1, cutoff=MISSPELT)
+    return replace(finding, severity="error", remedy=f"did you mean {near[0]!r}?") if near else finding
 
 
 def _has_speed(name: str, run: Run, robot: RobotFacts) -> bool:
@@ -171,6 +186,27 @@ def _stuck(run: Run, robot: RobotFacts) -> list[Finding]:
                     "remove the column if the sensor or its connection failed",
                 )
             )
+    return findings
+
+
+def _never_sent(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
+    """Servo commands that keep one value in runs in which the joint moves far: the recorder took another column, or
+    something else commands the joint."""
+    findings = []
+    for actuator in robot.actuators:
+        command, position = f"command.{actuator.name}", f"position.{actuator.joint}"
+        moved = {}
+        for run in runs if actuator.kind == "position" else ():
+            y = run.columns.get(position, np.zeros(0))
+            y = y[np.isfinite(y)]
+            sent = np.ptp(held(run, command)) if command in run.columns else np.inf
+            if len(y) > 10 and sent == 0.0 and (far := float(np.quantile(y, 0.95) - np.quantile(y, 0.05))) > FELL:
+                moved[run.name] = far
+        if moved:
+            run_name, words = _where(list(moved), runs)
+            message = f"{command} never changes {words}, while {position} spans a range of {max(moved.values()):.3g}"
+            remedy = "map the column that was sent to the joint, or leave these runs out if nothing was sent"
+            findings.append(Finding("warning", "constant command", run_name, command, None, message, remedy))
     return findings
 
 
