@@ -103,7 +103,7 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
         sent = {a: true_values(case, c, units, turned) for a, c in roles.of("command").items()}
         gains = find_gains(case, places, sent, kinds)
         actuators, gain_guesses = dict(gains.actuators), gains.guesses
-    tunable = tuple(name for name in ("kp", "kv") if any(getattr(a, name) > 0.0 for a in actuators.values()))
+    tunable = _tunable(model, actuators)
     settings, setting_guesses = find_settings(model, structure, recordings)
     site, site_guess = _payload_site(structure)
     return Draft(
@@ -115,7 +115,7 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
         site,
         structure.base,
         alone.held,
-        tuple(f"actuator.*.{name}" for name in tunable),
+        tunable,
         settings,
         (
             *site_guess,
@@ -219,12 +219,21 @@ def _base_guess(structure: ModelStructure) -> tuple[Guess, ...]:
     return (Guess("pose_body", structure.base, "this body has the free joint", 0.95),)
 
 
+def _tunable(model: Path, actuators: Mapping[str, Actuator]) -> tuple[str, ...]:
+    """What is guessed or not known of servos that no model file describes: their gains and, of a URDF, which does not
+    state them, their rotors."""
+    gains = [name for name in ("kp", "kv") if any(getattr(a, name) > 0.0 for a in actuators.values())]
+    rotors = ["joint.*.armature"] if gains and model.suffix.lower() == ".urdf" else []
+    return (*(f"actuator.*.{name}" for name in gains), *rotors)
+
+
 def _tunable_guess(tunable: Sequence[str]) -> tuple[Guess, ...]:
     if not tunable:
         return ()
-    names = ", ".join(f"actuator.*.{name}" for name in tunable)
-    why = "the gains below are guesses, so every fit may adjust them until you know the true values"
-    return (Guess("tunable", names, why, 0.6),)
+    rotors = any(name.startswith("joint.") for name in tunable)
+    what = "the gains below are guesses" + (" and a URDF states no rotor inertias" if rotors else "")
+    why = f"{what}, so every fit may adjust them until you know the true values"
+    return (Guess("tunable", ", ".join(tunable), why, 0.6),)
 
 
 def run_guess(recordings: Sequence[Recording]) -> tuple[Guess, ...]:

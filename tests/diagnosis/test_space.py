@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.logs.run import Run
-from residual_mpc.models.settings import Knob, Term
+from residual_mpc.models.settings import TUNE, Knob, Term
 
 
 def space_of(robot: MujocoRobot, speeds: tuple[float, float]) -> Space:
@@ -56,3 +57,15 @@ def test_what_is_tunable_at_a_joint_that_stands_still_keeps_its_value(tmp_path: 
     free = [k.parameter for k in build_space(data, ("actuator.*.kp", "joint.*.damping"), still=still).tunables]
     assert free == ["joint.j1.damping", "actuator.j1.kp"]
     assert len(build_space(data, ("actuator.*.kp", "joint.*.damping")).tunables) == 4
+
+
+def test_a_tunable_number_that_is_nil_moves_in_steps_that_matter_at_its_joint(tmp_path: Path) -> None:
+    """A URDF has no rotor's inertia; other numbers move in proportion to what they are."""
+    xml = arm_xml(SERVOS)
+    space = space_of(robot_of(tmp_path, re.sub(r' (armature|frictionloss)="[^"]*"', "", xml)), (0.5, 2.0))
+    nominal = space.robot.nominal()
+    assert nominal["joint.j1.armature"] == nominal["joint.j2.frictionloss"] == 0.0 < nominal["joint.j1.damping"]
+    inertia = space.robot.reference("inertia", "j1")
+    assert space.scale(Knob(TUNE, None, "joint.j1.armature")) == pytest.approx(0.03 * inertia)
+    assert space.scale(Knob(TUNE, None, "joint.j2.frictionloss")) == pytest.approx(0.03 * 0.4)
+    assert space.scale(Knob(TUNE, None, "joint.j1.damping")) == pytest.approx(0.3 * nominal["joint.j1.damping"])

@@ -204,8 +204,9 @@ def test_actuators_of_a_urdf(tmp_path: Path, kind: str) -> None:
     if kind == "position":
         for gain, true in zip(found.actuators.values(), KP, strict=True):
             assert true / 1.5 < gain.kp < true * 1.5
-        assert found.tunable == ("actuator.*.kp", "actuator.*.kv")
+        assert found.tunable == ("actuator.*.kp", "actuator.*.kv", "joint.*.armature")
     if kind == "motor":
+        assert not found.tunable
         assert all(a.gear == 1.0 for a in found.actuators.values())
 
 

@@ -93,7 +93,7 @@ class Space:
     def reference(self, knob: Knob) -> float:
         """What one unit of a parameter's `probes` is worth here."""
         if knob.effect == TUNE:
-            return max(abs(self.robot.nominal()[knob.parameter]), 1e-6)
+            return abs(self.robot.nominal()[knob.parameter]) or self._usual(knob.parameter)
         kind = BY_NAME[knob.effect].parameter(knob.parameter).reference
         if kind == "one":
             return 1.0
@@ -110,6 +110,18 @@ class Space:
         if kind in ("inertia", "mass", "length", "play"):
             return float(np.median([self.robot.reference(kind, s) for s in slots]))
         return float(np.median([self.references.get((kind, s), 1.0) for s in slots]))
+
+    def _usual(self, name: str) -> float:
+        """A tenth of what matters at its joint, for a nominal number that is 0: a URDF states no rotor's inertia, and a
+        step in proportion to nothing leads nowhere."""
+        of, _, rest = name.partition(".")
+        joint, _, what = rest.rpartition(".")
+        if of != "joint" or joint not in optional.joints(self.robot):
+            return 1e-6
+        if what == "armature":
+            return 0.1 * self.robot.reference("inertia", joint)
+        kind = {"damping": "torque/speed", "frictionloss": "torque"}.get(what)
+        return 1e-6 if kind is None else 0.1 * self.references.get((kind, joint), 1.0)
 
     @property
     def rough(self) -> bool:
