@@ -23,6 +23,7 @@ from residual_mpc.logs.readers.read import read_runs as read_tables
 from residual_mpc.logs.run import Run
 from residual_mpc.logs.signals import fresh_samples
 from residual_mpc.models.facts import check_columns, facts_of
+from residual_mpc.models.optional import held_joints
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.refuted import refuted_by
 from residual_mpc.models.robot_file import RobotFile
@@ -182,7 +183,7 @@ def _described(run: Run, model: Robot) -> dict[str, Any]:
         "commands": [c for c in run.columns if group(c) == "command" and member(c) in model.actuators],
         "enabled": [c for c in run.columns if group(c) == "enabled"],
         "channels": channels,
-        "compared": list(compared_channels(known, known)),
+        "compared": list(compared_channels(known, known, held_joints(model))),
         "unused": [c for c in run.measured if c not in model.channels] + list(run.extra),
     }
 

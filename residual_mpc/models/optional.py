@@ -132,6 +132,14 @@ class Held(Protocol):
 
 
 @runtime_checkable
+class HeldJoints(Protocol):
+    @property
+    def held_joints(self) -> tuple[str, ...]:
+        """Joints that the model holds where they start: their positions belong to the start, and are not compared."""
+        ...
+
+
+@runtime_checkable
 class Period(Protocol):
     @property
     def period(self) -> float:
@@ -251,6 +259,12 @@ def held(robot: Robot) -> tuple[str, ...]:
     """Actuators that the model holds still; by default none."""
     robot = innermost(robot)
     return robot.held if isinstance(robot, Held) else ()
+
+
+def held_joints(robot: Robot) -> tuple[str, ...]:
+    """Joints that the model holds where they start; by default none."""
+    robot = innermost(robot)
+    return robot.held_joints if isinstance(robot, HeldJoints) else ()
 
 
 def period(robot: Robot) -> float:

@@ -59,6 +59,19 @@ def test_what_is_tunable_at_a_joint_that_stands_still_keeps_its_value(tmp_path: 
     assert len(build_space(data, ("actuator.*.kp", "joint.*.damping")).tunables) == 4
 
 
+def test_a_joint_that_is_held_is_neither_compared_nor_tuned(tmp_path: Path) -> None:
+    """A gripper that nobody commands wobbles within its play; where it starts still counts."""
+    t = 0.02 * np.arange(400)
+    columns = {"command.j1": np.sin(t), "position.j1": np.sin(t), "position.j2": 0.3 + 0.01 * np.sin(9.0 * t)}
+    robot = robot_of(tmp_path, arm_xml(SERVOS), held=("j2",))
+    data = build_dataset([Run("r", t, columns)], [robot], {})
+    assert data.channels == ("position.j1", "position.j2") and data.compared.all(axis=0).tolist() == [True, False]
+    free = [k.parameter for k in build_space(data, ("actuator.*.kp", "joint.*.damping")).tunables]
+    assert free == ["joint.j1.damping", "actuator.j1.kp"]
+    alone = build_dataset([Run("r", t, {"command.j1": np.sin(t), "position.j2": columns["position.j2"]})], [robot], {})
+    assert alone.compared.all()  # nothing else is measured
+
+
 def test_a_tunable_number_that_is_nil_moves_in_steps_that_matter_at_its_joint(tmp_path: Path) -> None:
     """A URDF has no rotor's inertia; other numbers move in proportion to what they are."""
     xml = arm_xml(SERVOS)

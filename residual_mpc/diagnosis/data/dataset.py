@@ -14,6 +14,7 @@ from residual_mpc.diagnosis.data.window_commands import drive_of
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
 from residual_mpc.logs.signals import continuous, noise_sigma, resolution
+from residual_mpc.models.optional import held_joints
 from residual_mpc.models.protocol import Drive, Merging, Robot
 
 POSITION_LIKE = ("position", "pose")
@@ -168,7 +169,7 @@ def build_dataset(
         )
     run, start = np.concatenate(index), np.concatenate(starts)
     t, y = _samples(runs, run, start, channels, signals, horizon)
-    of_run = [compared_channels(m, channels) for m in measured]
+    of_run = [compared_channels(m, channels, held_joints(r)) for m, r in zip(measured, robots, strict=True)]
     compared = np.array([[c in of_run[i] for c in channels] for i in run])
     sigma, steps = _noise(channels, signals, noise, settings=settings)
     white = tuple(ChannelNoise(float(s)) for s in sigma)
@@ -197,9 +198,11 @@ def window_starts(run: Run, horizon: float) -> np.ndarray:
     return np.asarray(run.t[0] + horizon * np.arange(n))
 
 
-def compared_channels(measured: Sequence[str], channels: Sequence[str]) -> tuple[str, ...]:
-    """The position-like channels of a run that are measured; its velocities where it has nothing else."""
+def compared_channels(measured: Sequence[str], channels: Sequence[str], held: Sequence[str] = ()) -> tuple[str, ...]:
+    """The position-like channels of a run that are measured; its velocities where it has nothing else. Not those of
+    joints that the model holds: they stay where they start, and their wobble would count as a gap."""
     mine = [c for c in channels if c in measured]
+    mine = [c for c in mine if c.split(".", 1)[-1] not in held] or mine
     like = [c for c in mine if c.split(".")[0] in POSITION_LIKE]
     return tuple(like or mine)
 

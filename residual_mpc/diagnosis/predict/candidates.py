@@ -15,6 +15,7 @@ from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import BY_NAME, LIBRARY
 from residual_mpc.effects.sensor import SENSOR_DELAY
 from residual_mpc.effects.surroundings import TORQUE_OFFSET
+from residual_mpc.models import optional
 from residual_mpc.models.settings import TUNE, Knob, Term
 from residual_mpc.models.targets import Targets
 
@@ -35,7 +36,7 @@ def build_space(
     """Every effect-target pair that the robot of the first block can have, with references measured on the runs.
 
     because: terms that are ruled out beforehand, and why. still: channels in which the runs hardly move; what is
-    tunable at such a joint keeps its nominal value, since nothing shows another.
+    tunable at such a joint, or at one that the model holds, keeps its nominal value, since nothing shows another.
     """
     robot = data.blocks[0].robot
     slots = Targets(robot)
@@ -57,7 +58,7 @@ def build_space(
     ruled_out |= {t: why for t in candidates if (why := uncovered(t, slots[t.effect], robot, references))}
     candidates = tuple(t for t in candidates if t not in ruled_out)
     named = (name for name in robot.nominal() if any(fnmatch.fnmatchcase(name, p) for p in tunable))
-    held = numbers_of_still(robot, still)
+    held = numbers_of_still(robot, {*still, *(f"position.{joint}" for joint in optional.held_joints(robot))})
     free = tuple(Knob(TUNE, None, name) for name in named if not name.startswith(held))
     return Space(robot, slots, candidates, free, references, ruled_out, twins=_twins(data))
 
