@@ -135,9 +135,9 @@ def _figures(
     drawn = noise_errors(seen, settings, np.random.default_rng(seed), tuning.predict.floor.figure_draws)
     floor = floor_from([gap_of(seen, scales, e) for e in drawn], seen.count, settings=tuning.predict)
     steady = gap_of(data, scales, data.y - constant_velocity(data)).total
-    windows = {"nominal": quantiles(per_window(data, scales, nominal))}
+    windows = {"nominal": quantiles(per_window(data, scales, nominal), data)}
     if other is not None:
-        windows["model"] = quantiles(per_window(seen, scales, other))
+        windows["model"] = quantiles(per_window(seen, scales, other), seen)
     return {
         "nominal": g.total,
         "model": None if m is None else m.total,

@@ -8,6 +8,9 @@ from residual_mpc.effects.gear import DAMPING_BEHIND
 from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.effects.phrase import Noun, Phrase
 
+# what a joint's own number is compared with, by the last word of its name in a model: see `Parameter.reference`
+USUAL_SIZES = {"damping": "torque/speed", "armature": "inertia", "frictionloss": "torque"}
+
 
 def coulomb_level(ops: Ops, p: Values, w: Array, tau: Array) -> Array:
     """Dry friction, N m, times sgn(w)."""

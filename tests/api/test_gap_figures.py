@@ -32,6 +32,9 @@ def test_the_headline_is_the_first_of_the_horizons() -> None:
     assert gap["windows"] == 93 and gap["horizons"][1]["windows"] == 18
     spread = gap["window_gaps"]["nominal"]
     assert 0.0 < spread["p50"] <= spread["p90"] <= spread["max"]
+    one = [r for r in runs_of(1.06) if r.name == spread["run"]]
+    alone = gap_figures(one, [ROVER], FILE, 1.0, None, None, 0)["window_gaps"]["nominal"]
+    assert spread["from"] == pytest.approx(round(spread["from"])) == alone["from"]
     assert gap["constant_velocity"] > 5.0 * gap["nominal"]
 
 

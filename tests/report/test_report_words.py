@@ -360,6 +360,8 @@ def test_a_few_windows_that_rule_the_gap_are_said():
         "A few windows dominate the gap at 1 s: the median over the windows is 0.06, the maximum 5."
     )
     assert few_windows(gap, False) == "" and few_windows(gap | {"after": 0.1}, True) == ""
+    told = gap | {"window_gaps": {"after": quantiles | {"run": "r07", "from": 8.0}}}
+    assert few_windows(told, True).endswith("the maximum 5 (r07, 8 to 9 s).")
 
 
 def test_a_group_in_words():

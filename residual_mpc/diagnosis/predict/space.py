@@ -9,6 +9,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.predict.reached_limits import MOST_RAISED, PROBED, reached_limit
 from residual_mpc.diagnosis.predict.references import BETWEEN, GIVEN, HIGHEST, LOWEST, RUN, middle_of, turned_of
+from residual_mpc.effects.body import USUAL_SIZES
 from residual_mpc.effects.library import BY_NAME, holder
 from residual_mpc.effects.position_servo import POSITION_GAIN
 from residual_mpc.models import optional
@@ -116,12 +117,11 @@ class Space:
         step in proportion to nothing leads nowhere."""
         of, _, rest = name.partition(".")
         joint, _, what = rest.rpartition(".")
-        if of != "joint" or joint not in optional.joints(self.robot):
+        kind = USUAL_SIZES.get(what) if of == "joint" and joint in optional.joints(self.robot) else None
+        if kind is None:
             return 1e-6
-        if what == "armature":
-            return 0.1 * self.robot.reference("inertia", joint)
-        kind = {"damping": "torque/speed", "frictionloss": "torque"}.get(what)
-        return 1e-6 if kind is None else 0.1 * self.references.get((kind, joint), 1.0)
+        known = self.references.get((kind, joint))
+        return 0.1 * (self.robot.reference(kind, joint) if known is None else known)
 
     @property
     def rough(self) -> bool:

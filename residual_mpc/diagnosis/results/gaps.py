@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -266,7 +267,7 @@ def _look(
     steady = gap_of(data, scales, errors["after"], trust * judged)
     return HorizonGaps(
         data.horizon, int(test.sum()), bool(held_out), gaps["nominal"], gaps["before"], gaps["after"], steady, floor,
-        {k: quantiles(per_window(data, scales, errors[k])[test]) for k in ("before", "after")},
+        {k: quantiles(per_window(data, scales, errors[k])[test], data.take(test)) for k in ("before", "after")},
         int(early.sum()),
     )  # fmt: skip
 
@@ -302,13 +303,18 @@ def _nominal_errors(data: Dataset, rows: Settings) -> tuple[Dataset, np.ndarray]
     return data, data.y - predict(data, rows.take(np.array([1])))[0]
 
 
-def quantiles(square: np.ndarray) -> dict[str, float]:
-    """Median, ninth decile and maximum of the windows' own gaps, from their mean scaled squares (W,)."""
-    own = np.sqrt(square[np.isfinite(square)])
-    if not len(own):
+def quantiles(square: np.ndarray, data: Dataset) -> dict[str, Any]:
+    """Median, ninth decile and maximum of the windows' own gaps, from their mean scaled squares (W,), and the window of
+    the maximum: its run and where it begins, s from the run's first stamp."""
+    own = np.sqrt(square)
+    seen = np.isfinite(own)
+    if not seen.any():
         return {"p50": float("nan"), "p90": float("nan"), "max": float("nan")}
-    p50, p90 = np.quantile(own, [0.5, 0.9])
-    return {"p50": float(p50), "p90": float(p90), "max": float(own.max())}
+    p50, p90 = np.quantile(own[seen], [0.5, 0.9])
+    worst = int(np.argmax(np.where(seen, own, -1.0)))
+    run = data.runs[data.run[worst]]
+    begin = float(data.start[worst] - run.t[0])
+    return {"p50": float(p50), "p90": float(p90), "max": float(own[worst]), "run": run.name, "from": begin}
 
 
 def _channels(data: Dataset, look: HorizonGaps, helps: bool) -> dict[str, tuple[float, float, float]]:

@@ -1,6 +1,7 @@
 """What a diagnosis is, once made: frozen records that the document and the report are written from."""
 
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,8 @@ from residual_mpc.models.settings import Term, Values
 @dataclass(frozen=True)
 class HorizonFigures:
     """Gaps over one horizon, unitless. held_out: whether no fit has seen these windows; channels: name -> (before,
-    after, noise floor); window_gaps: quantiles of the windows' own gaps "before" and "after"."""
+    after, noise floor); window_gaps: quantiles of the windows' own gaps "before" and "after", and
+    which window has the largest."""
 
     horizon: float
     nominal: float
@@ -32,7 +34,7 @@ class HorizonFigures:
     windows: int
     held_out: bool
     channels: dict[str, tuple[float, float, float]]
-    window_gaps: dict[str, dict[str, float]]
+    window_gaps: dict[str, dict[str, Any]]
 
     def document(self) -> dict[str, object]:
         """As diagnosis.json has it."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -18,7 +18,7 @@ class HorizonGaps:
     """The gaps over one horizon on the windows that are judged. held_out: whether no fit has seen these windows;
     steady: the gap after, in which windows that diverge count at their limit, and the `unjudged` windows after an
     unknown past not at all, unless there are no others; quantiles: of the windows' own gaps before and after, by "p50",
-    "p90" and "max"."""
+    "p90" and "max", and the window of the largest, by "run" and "from"."""
 
     horizon: float
     windows: int
@@ -28,7 +28,7 @@ class HorizonGaps:
     after: Gap
     steady: Gap
     floor: NoiseFloor
-    quantiles: dict[str, dict[str, float]]
+    quantiles: dict[str, dict[str, Any]]
     unjudged: int = 0
 
     @property

@@ -42,8 +42,9 @@ def horizon_line(gap: Gap, explained: bool) -> str:
     return f"gap at {number(gap['horizon'])} s: {retuned}{first}{arrow} (noise floor {floor}){windows}{seen}"
 
 
-def window_gaps(gap: Gap, last: bool) -> Mapping[str, float] | None:
-    """The quantiles p50, p90 and max of the windows' own gaps, of the first or the last model; None where not told."""
+def window_gaps(gap: Gap, last: bool) -> Mapping[str, Any] | None:
+    """The quantiles p50, p90 and max of the windows' own gaps, of the first or the last model, and the window of the
+    largest where that is told; None where nothing is."""
     told = gap.get("window_gaps") or {}
     return next((told[k] for k in (("after", "model") if last else ("before", "nominal")) if told.get(k)), None)
 
@@ -54,9 +55,12 @@ def few_windows(gap: Gap, last: bool) -> str:
     if quantiles is None or total is None or total <= RULES * quantiles["p50"]:
         return ""
     half, worst = number(quantiles["p50"], 2), number(quantiles["max"], 2)
+    begin = quantiles.get("from")
+    ends = "" if begin is None else f"{number(begin)} to {number(begin + gap['horizon'])} s"
+    where = f" ({quantiles['run']}, {ends})" if ends else ""
     return (
         f"A few windows dominate the gap at {number(gap['horizon'])} s: the median over the windows is {half}, "
-        f"the maximum {worst}."
+        f"the maximum {worst}{where}."
     )
 
 
