@@ -86,7 +86,7 @@ def _going_on(arguments: Sequence[str]) -> str:
     """How a stopped command goes on, for those that can."""
     if "diagnose" not in arguments or "--out" not in arguments:  # without a folder nothing is kept
         return ""
-    return "; the same command goes on from here, and unfinished.json holds the best effects so far, if any were found"
+    return "; run the same command again to resume. unfinished.json holds the best set of effects found so far, if any"
 
 
 def _tell_warnings() -> None:

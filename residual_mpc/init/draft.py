@@ -232,7 +232,7 @@ def _tunable_guess(tunable: Sequence[str]) -> tuple[Guess, ...]:
         return ()
     rotors = any(name.startswith("joint.") for name in tunable)
     what = "the gains below are guesses" + (" and a URDF states no rotor inertias" if rotors else "")
-    why = f"{what}, so every fit may adjust them until you know the true values"
+    why = f"{what}, so every fit may adjust these; once you know the true values, enter them and remove the patterns"
     return (Guess("tunable", ", ".join(tunable), why, 0.6),)
 
 

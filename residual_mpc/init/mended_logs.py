@@ -32,9 +32,9 @@ def refuse_corrected(paths: Sequence[str | Path]) -> None:
             continue  # the reader says what is wrong with it
         if CORRECTED in metadata:
             raise BadInput(
-                "these runs have been corrected by init already",
+                "init has already corrected these runs",
                 str(path),
-                "give init the runs as they were logged; the robot file that it wrote with these ones fits them",
+                "pass the original runs to init; the robot file that it wrote with these copies already fits them",
             )
 
 

@@ -51,7 +51,7 @@ def gap_lines(gap: Document) -> list[str]:
     lines += _reference(gap)
     lines += _doubts(gap, other)
     if not other and not gap.get("noise_stated", True) and floor_matters(gap):
-        lines.append("the noise floor is estimated from these runs; if the sensors' noise is known, put it in [noise]")
+        lines.append("the noise floor is estimated from these runs; if the sensor noise is known, put it under [noise]")
     if gap["still"]:
         lines.append(f"left out since they hardly move: {', '.join(gap['still'])}")
     if gap["skipped"]:

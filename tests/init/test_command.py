@@ -71,7 +71,7 @@ def test_mended_runs_are_usable(folder: Path, tmp_path: Path, capsys: pytest.Cap
     whole = pd.read_parquet(mended / "strange.parquet")
     assert whole["stamp_ms"].iloc[-1] == pytest.approx(13.99) and len(whole.columns) == 7
     status, _, said = call(capsys, "init", folder / "arm.xml", mended, "--out", tmp_path / "again.toml")
-    assert status == 2 and "strange.parquet: these runs have been corrected by init already" in said
+    assert status == 2 and "strange.parquet: init has already corrected these runs" in said
     assert not (tmp_path / "again.toml").exists()
 
 

@@ -337,8 +337,8 @@ def test_noise_that_a_correct_model_would_not_predict_is_no_fault_of_the_model()
     gap = {"nominal": 1.63, "noise_floor": 1.4, "horizon": 1.0, "constant_velocity": 0.71}
     (said,) = warnings(gap, False)
     assert said == (
-        "At 1 s the noise in the measured start of a prediction alone makes a gap of 1.4, so a correct model would do "
-        "no better. Shorten the horizon (for example --horizon 0.25)."
+        "At 1 s, noise in the measured start state alone produces a gap of 1.4, even for a correct model: these runs "
+        "cannot test the model at this horizon. Shorten it (for example --horizon 0.25)."
     )
     unknown = {"verdict": "unknown", "explanation": [], "gap": gap | {"before": 1.63, "after": 1.63, "blinded": True}}
     assert sentence(unknown).endswith("Shorten the horizon (for example --horizon 0.25), or record calmer motions.")

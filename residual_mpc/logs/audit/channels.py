@@ -118,7 +118,10 @@ def _misspelt(finding: Finding, lacking: Sequence[str]) -> Finding:
     mistake: left out, the joint would not be compared."""
     same = [c for c in lacking if group(c) == group(finding.column)]
     near = difflib.get_close_matches(finding.column, same, n=1, cutoff=MISSPELT)
-    return replace(finding, severity="error", remedy=f"did you mean {near[0]!r}?") if near else finding
+    if not near:
+        return finding
+    message = f"{finding.column}: the model has no such channel, and {near[0]} is missing: the name looks misspelt"
+    return replace(finding, severity="error", message=message, remedy=f"did you mean {near[0]!r}?")
 
 
 def _has_speed(name: str, run: Run, robot: RobotFacts) -> bool:
@@ -205,7 +208,7 @@ def _never_sent(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
         if moved:
             run_name, words = _where(list(moved), runs)
             message = f"{command} never changes {words}, while {position} spans a range of {max(moved.values()):.3g}"
-            remedy = "map the column that was sent to the joint, or leave these runs out if nothing was sent"
+            remedy = "map the column with the command that was sent to the servo; leave these runs out if none was"
             findings.append(Finding("warning", "constant command", run_name, command, None, message, remedy))
     return findings
 

@@ -227,4 +227,4 @@ def _made_of(actuator: ActuatorFacts) -> str:
     """What the time between a command and its answer consists of."""
     if actuator.lag is None:
         return "delay, lag and inertia combined"
-    return f"the model's own servo has {actuator.lag * 1e3:.0f} ms; inertia, delay and lag add to it"
+    return f"of which the modelled servo alone has {actuator.lag * 1e3:.0f} ms in steady motion"

@@ -112,8 +112,8 @@ def _noise_alone(gap: Gap, last: float) -> str | None:
     if last > NEAR * floor or floor < (1.0 if constant is None else min(float(constant), 1.0)):
         return None
     return (
-        f"At {number(gap['horizon'])} s the noise in the measured start of a prediction alone makes a gap of "
-        f"{number(floor, 2)}, so a correct model would do no better. Shorten the horizon ({shorter(gap)})."
+        f"At {number(gap['horizon'])} s, noise in the measured start state alone produces a gap of {number(floor, 2)}, "
+        f"even for a correct model: these runs cannot test the model at this horizon. Shorten it ({shorter(gap)})."
     )
 
 
