@@ -19,7 +19,7 @@ from plants.mujoco_robot.exports.actuators import actuator_values, not_of_actuat
 from plants.mujoco_robot.exports.sysid import to_sysid
 from plants.mujoco_robot.exports.urdf import compare_urdf, to_urdf
 from plants.mujoco_robot.loading.contacts import overlaps, without_contacts
-from plants.mujoco_robot.loading.held import HOLDS
+from plants.mujoco_robot.loading.held import held_joints
 from plants.mujoco_robot.mjcf import to_mjcf
 from plants.mujoco_robot.simulation.replay import replay
 from plants.mujoco_robot.simulation.simulator import CorrectedMujoco
@@ -67,8 +67,7 @@ class MujocoRobot(CompiledRobot):
     @cached_property
     def held_joints(self) -> tuple[str, ...]:
         """See residual_mpc.models.optional.HeldJoints."""
-        rotors = self.model.dof_armature[self.dofs]
-        return tuple(joint for joint, rotor in zip(self.joints, rotors, strict=True) if rotor >= HOLDS)
+        return held_joints(self)
 
     @cached_property
     def _bounds(self) -> tuple[PhysicalBounds, ...]:

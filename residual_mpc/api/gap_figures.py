@@ -21,7 +21,7 @@ from residual_mpc.diagnosis.predict.noise_floor import floor_from
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
 from residual_mpc.diagnosis.results.document import finite
-from residual_mpc.diagnosis.results.gaps import quantiles
+from residual_mpc.diagnosis.results.quantiles import quantiles
 from residual_mpc.errors import BadInput
 from residual_mpc.learning.forms.residual_robot import with_residual
 from residual_mpc.learning.network.residual import Residual

@@ -84,7 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _going_on(arguments: Sequence[str]) -> str:
     """How a stopped command goes on, for those that can."""
-    if "diagnose" not in arguments or "--out" not in arguments:  # without a folder nothing is kept
+    if "diagnose" not in arguments or not any(a.startswith("--out") for a in arguments):  # nothing is kept
         return ""
     return "; run the same command again to resume. unfinished.json holds the best set of effects found so far, if any"
 

@@ -27,10 +27,9 @@ def facts_of(robot: Robot) -> RobotFacts:
         "speed": "velocity",
         "velocity": "velocity",
     }
-    gears = (g if g else 1.0 for g in optional.gear_ratios(robot))
-    driven = zip(
-        robot.actuators, joints, robot.command_kinds, gears, command_units(robot), _servo_lags(robot), strict=True
-    )
+    gears = [g if g else 1.0 for g in optional.gear_ratios(robot)]
+    lags = _servo_lags(robot, gears)
+    driven = zip(robot.actuators, joints, robot.command_kinds, gears, command_units(robot), lags, strict=True)
     return RobotFacts(
         tuple(
             ActuatorFacts(a, j, kinds[k], 1.0 if k == "torque" else g, unit == "1", lag)
@@ -44,13 +43,15 @@ def facts_of(robot: Robot) -> RobotFacts:
     )
 
 
-def _servo_lags(robot: Robot) -> list[float | None]:
+def _servo_lags(robot: Robot, gears: Sequence[float]) -> list[float | None]:
     """s: how far each position servo of the model is behind its command in a steady motion, over its speed. Opposite
     speeds at one place leave out what carries the load."""
+    if not robot.states:
+        return [None] * len(robot.actuators)
     motion = {s.position: np.zeros(2) for s in robot.states}
     motion |= {s.velocity: np.array([SLOW, -SLOW]) for s in robot.states if s.velocity is not None}
     ahead, back = optional.steady_setpoints(robot, motion)
-    lags = (ahead - back) / (2.0 * SLOW) / np.array([g if g else 1.0 for g in optional.gear_ratios(robot)])
+    lags = (ahead - back) / (2.0 * SLOW * np.array(gears))
     return [float(lag) if np.isfinite(lag) else None for lag in lags]
 
 

@@ -120,7 +120,9 @@ def test_the_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert end.value.code == 0 and capsys.readouterr().out.strip()
 
 
-def test_the_answer_is_on_disk_before_its_report(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_answer_is_on_disk_before_its_report(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Whatever stops what comes after the answer, the answer is whole, and no older report stands beside it."""
     import residual_mpc.api.diagnosis
 
@@ -135,6 +137,7 @@ def test_the_answer_is_on_disk_before_its_report(folder: Path, tmp_path: Path, m
     with pytest.raises(SystemExit) as end:
         main([*call, "--only", "track_width"])
     assert end.value.code == 1
+    assert "residual-mpc: stopped; run the same command again to resume" in capsys.readouterr().err
     assert {p.name for p in out.iterdir()} == {"diagnosis.json", "model.json", "resume.bin"}
     document = json.loads((out / "diagnosis.json").read_text())
     assert document["verdict"] == "effects" and "still running, or was stopped" in document["notes"][-1]

@@ -396,11 +396,11 @@ def test_a_rival_begins_beside_the_better_of_two_values_of_what_stays() -> None:
     found = found_of(truth, {gain: 0.7, lag: 0.1}, ("actuator_gain", "actuator_lag", "wheel_radius"))
     radius = Knob("wheel_radius", None, "scale")
     (rest,) = fit_all(found.problem, [{lag: 0.4}], 0)
-    (near,) = fit_all(found.problem, [{lag: 0.1}], 0)
-    for other, value in ((rest, 0.1), (replace(near, values={lag: 0.1}), 0.1)):
+    (poor,) = fit_all(found.problem, [{gain: 0.7, lag: 0.4}], 0)
+    (near,) = fit_all(found.problem, [{lag: found.fit.values[lag]}], 0)
+    for other, chosen, taken in ((rest, found.fit, found.fit), (near, poor, near)):
         start = [{**other.values, radius: 0.7}]
-        (moved,), (beside,) = _beside_the_better_values(found.problem, start, other, found.fit, SearchSettings())
-        assert moved[lag] == pytest.approx(value, abs=0.02) and moved[radius] == 0.7
-        assert lag in beside.values
+        (moved,), (beside,) = _beside_the_better_values(found.problem, start, other, chosen, SearchSettings())
+        assert moved == {lag: taken.values[lag], radius: 0.7} and beside.values == taken.values
     ends = _fits(found.problem, rest, found.fit, [{lag: 0.4, radius: 0.7}], found.phi, SearchSettings())
     assert ends[0].cost == pytest.approx(found.fit.cost, rel=0.02)  # on a log without encoders a radius is a gain

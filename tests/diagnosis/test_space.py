@@ -10,7 +10,7 @@ import pytest
 from oracles.arms import MIXED, SERVOS, arm_xml, robot_of
 
 from plants.mujoco_robot import MujocoRobot
-from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.data.dataset import build_dataset, compared_channels
 from residual_mpc.diagnosis.data.gap import measure_scales, still_channels
 from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.space import Space
@@ -70,6 +70,7 @@ def test_a_joint_that_is_held_is_neither_compared_nor_tuned(tmp_path: Path) -> N
     assert free == ["joint.j1.damping", "actuator.j1.kp"]
     alone = build_dataset([Run("r", t, {"command.j1": np.sin(t), "position.j2": columns["position.j2"]})], [robot], {})
     assert alone.compared.all()  # nothing else is measured
+    assert compared_channels(("pose.x", "position.x"), ("pose.x", "position.x"), ("x",)) == ("pose.x",)
 
 
 def test_a_tunable_number_that_is_nil_moves_in_steps_that_matter_at_its_joint(tmp_path: Path) -> None:

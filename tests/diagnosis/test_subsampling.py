@@ -1,5 +1,8 @@
 """A long log costs no more than it tells: what is looked at less closely, and that the answer stays."""
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 import pytest
 from oracles.rover_euler import TRACK_WIDTH, WHEEL_RADIUS
@@ -11,6 +14,7 @@ from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.phases.search import _budget
 from residual_mpc.diagnosis.predict.noise_floor import floor_draws
 from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.diagnosis.results.records import Diagnosis
@@ -69,3 +73,21 @@ def test_the_chain_is_over_all_windows_and_the_shares_are_whole(whole_and_thinne
     assert sum(s.share for s in thinned.stages) == pytest.approx(1.0)
     was = {s.name: s.share for s in whole.stages}
     assert {s.name: s.share for s in thinned.stages} == pytest.approx(was, abs=0.05)
+
+
+@dataclass(frozen=True)
+class OfJoints:
+    """What a search asks of a robot: its measured joints, and all of them where a chain is closed."""
+
+    states: tuple[int, ...]
+    joints: tuple[str, ...]
+    actuators: tuple[str, ...] = ()
+
+
+@pytest.mark.parametrize(
+    ("measured", "joints", "steps"), [(1, 1, 5000), (3, 3, 4000), (3, 5, 1440), (6, 6, 1000), (7, 12, 1000)]
+)
+def test_a_small_robot_is_searched_on_more_windows(measured: int, joints: int, steps: int) -> None:
+    """Passive joints of a closed chain cost steps as well."""
+    robot: Any = OfJoints((0,) * measured, ("j",) * joints)
+    assert _budget(robot, 1000) == steps

@@ -4,6 +4,7 @@ that the robot file holds, held where it starts."""
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.columns import did_you_mean
 
@@ -13,6 +14,12 @@ if TYPE_CHECKING:
 
 HOLDS = 1e3  # kg m^2 or kg of rotor: it weighs nothing on the arm, and nothing on the arm turns it
 SETTLES = 0.02  # s, in which a held joint loses the speed that a noisy measurement starts it with
+
+
+def held_joints(robot: CompiledRobot) -> tuple[str, ...]:
+    """The joints that `hold_joints` holds."""
+    rotors = robot.model.dof_armature[robot.dofs]
+    return tuple(joint for joint, rotor in zip(robot.joints, rotors, strict=True) if rotor >= HOLDS)
 
 
 def hold_joints(spec: "mujoco.MjSpec", names: Sequence[str], path: str) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plants.mujoco_robot.loading.compile import prepared
-from plants.mujoco_robot.loading.held import HOLDS
+from plants.mujoco_robot.loading.held import held_joints
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.phrase import called
 from residual_mpc.models.settings import Settings
@@ -24,7 +24,7 @@ def rigid_joints(robot: CompiledRobot) -> tuple[str, ...]:
     model = robot.model
     coupled = _gripper(model)
     loose = set() if coupled else _coupled(model)  # they stay, with what couples them
-    held = {int(n) for n, dof in zip(robot.numbers, robot.dofs, strict=True) if model.dof_armature[dof] >= HOLDS}
+    held = {model.joint(name).id for name in held_joints(robot)}
     if robot.spec is not None and robot.spec.compiler.fusestatic:
         held = set()
     return tuple(model.joint(j).name for j in sorted(coupled | (held - loose)))

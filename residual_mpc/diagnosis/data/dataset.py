@@ -202,7 +202,8 @@ def compared_channels(measured: Sequence[str], channels: Sequence[str], held: Se
     """The position-like channels of a run that are measured; its velocities where it has nothing else. Not those of
     joints that the model holds: they stay where they start, and their wobble would count as a gap."""
     mine = [c for c in channels if c in measured]
-    mine = [c for c in mine if c.split(".", 1)[-1] not in held] or mine
+    at_rest = {f"{kind}.{joint}" for kind in ("position", "velocity") for joint in held}
+    mine = [c for c in mine if c not in at_rest] or mine
     like = [c for c in mine if c.split(".")[0] in POSITION_LIKE]
     return tuple(like or mine)
 

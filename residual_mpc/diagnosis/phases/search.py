@@ -37,6 +37,7 @@ from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stepwise import Accepted, Found, Step, prune, refit, stepwise_search
 from residual_mpc.diagnosis.search.testable import NotTestable, not_testable
 from residual_mpc.models import optional
+from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Term, Values
 
 Keep = Callable[[str, Callable[[], Found]], Found]  # a step's name and the step -> its result, maybe of before
@@ -237,6 +238,14 @@ def _extended(found: Found, fit: Fit, settings: SearchSettings) -> Found:
     )
 
 
+def _budget(robot: Robot, steps: int) -> int:
+    """Simulation steps that a hypothesis may cost in the search, `steps` for a robot of six joints or more: a smaller
+    one simulates faster, and a servo on the bench has few windows in all. Joints of a closed chain count, whether they
+    are measured or not."""
+    size = max(len(robot.states), len(optional.joints(robot)))
+    return int(steps * np.clip((6.0 / size) ** 2, 1.0, 5.0))
+
+
 def _on(
     prepared: Prepared,
     windows: Dataset,
@@ -251,11 +260,7 @@ def _on(
     """The search on these windows, from what an earlier one found; first: the effect to begin with if nothing was;
     anew: see `stepwise_search`. None where that promises nothing."""
     options, space, settings = prepared.options, prepared.space, prepared.options.settings
-    # a small robot simulates faster, and a servo on the bench has few windows in all; joints of a closed chain count,
-    # whether they are measured or not
-    size = max(len(space.robot.states), len(optional.joints(space.robot)))
-    budget = int(options.search_steps * np.clip((6.0 / size) ** 2, 1.0, 5.0))
-    few = thin_whole(windows, budget, settings=settings.data)
+    few = thin_whole(windows, _budget(space.robot, options.search_steps), settings=settings.data)
     few = well_begun(few, scales, rng, settings=settings.predict)
     quick = quickened(few, scales, settings=settings.predict)
     own = None if quick is few else few

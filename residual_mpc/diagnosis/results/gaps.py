@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from residual_mpc.diagnosis.predict.step_error import step_error
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.forecast import worse_than_forecast
 from residual_mpc.diagnosis.results.own_step import Seen, only_the_step
+from residual_mpc.diagnosis.results.quantiles import quantiles
 from residual_mpc.diagnosis.results.records import GapFigures, HorizonFigures
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.verdict import (
@@ -301,20 +301,6 @@ def _longer(
 def _nominal_errors(data: Dataset, rows: Settings) -> tuple[Dataset, np.ndarray]:
     """The windows, and what the model with its tunable numbers fitted, the second of `rows`, leaves there (W, M, C)."""
     return data, data.y - predict(data, rows.take(np.array([1])))[0]
-
-
-def quantiles(square: np.ndarray, data: Dataset) -> dict[str, Any]:
-    """Median, ninth decile and maximum of the windows' own gaps, from their mean scaled squares (W,), and the window of
-    the maximum: its run and where it begins, s from the run's first stamp."""
-    own = np.sqrt(square)
-    seen = np.isfinite(own)
-    if not seen.any():
-        return {"p50": float("nan"), "p90": float("nan"), "max": float("nan")}
-    p50, p90 = np.quantile(own[seen], [0.5, 0.9])
-    worst = int(np.argmax(np.where(seen, own, -1.0)))
-    run = data.runs[data.run[worst]]
-    begin = float(data.start[worst] - run.t[0])
-    return {"p50": float(p50), "p90": float(p90), "max": float(own[worst]), "run": run.name, "from": begin}
 
 
 def _channels(data: Dataset, look: HorizonGaps, helps: bool) -> dict[str, tuple[float, float, float]]:

@@ -217,8 +217,8 @@ def _repeated(layout: Layout, piece: Piece, order: Order, name: str, where: str)
     text = f"{rows_were(repeated, 'with the previous time stamp')} merged with the row before"
     if not clash.any():
         return [Finding("info", "repeated stamps", name, "t", None, f"{text}: they fill each other's empty cells")]
-    lost = "the value" if clash.sum() == 1 else f"{int(clash.sum())} values"
-    return [Finding("warning", "repeated stamps", name, "t", None, f"{text}, and {lost} that differed left out")]
+    differ = f"{text}; {int(clash.sum())} of them held other values, which are left out"
+    return [Finding("warning", "repeated stamps", name, "t", None, differ)]
 
 
 def _first_command(columns: dict[str, FloatArray]) -> int:
