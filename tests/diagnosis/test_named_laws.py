@@ -71,6 +71,9 @@ def test_a_constant_share_of_the_load_is_the_gain_of_a_joints_only_actuator(spac
     gain = Term("actuator_gain", space.robot.actuators[at])
     found = named_twin(law("strength", "position", "constant"), replace(space, candidates=(gain,)))
     assert found is not None and found.term == gain
+    in_proportion = named_twin(law("torque", "command", "line", (0.0, 1.0)), replace(space, candidates=(gain,)))
+    assert in_proportion is not None and in_proportion.term == gain
+    assert named_twin(law("torque", "command", "bend", (0.0, 1.0, 2.0)), replace(space, candidates=(gain,))) is None
     both = SimpleNamespace(actuators=("p", "d"), actuator_joints=("j2", "j2"), slots=lambda effect: ("p", "d"))
     alone: Any = replace(space, robot=both, candidates=(Term("actuator_gain", "p"),))  # type: ignore[arg-type]
     assert named_twin(law("strength", "position", "constant"), alone) is None
