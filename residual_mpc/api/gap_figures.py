@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from residual_mpc.diagnosis.data.across_gaps import across_gaps
 from residual_mpc.diagnosis.data.constant_velocity import constant_velocity
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.gap import Scales, gap_of, measure_scales, per_window, still_channels
@@ -138,6 +139,8 @@ def _figures(
     windows = {"nominal": quantiles(per_window(data, scales, nominal), data)}
     if other is not None:
         windows["model"] = quantiles(per_window(seen, scales, other), seen)
+    lost = across_gaps(data)
+    clear = [None if e is None else gap_of(of, scales, e, ~lost).total for of, e in ((data, nominal), (seen, other))]
     return {
         "nominal": g.total,
         "model": None if m is None else m.total,
@@ -147,6 +150,7 @@ def _figures(
         "windows": data.count,
         "still": list(still_channels(data, scales)),
         "window_gaps": windows,
+        "across_log_gaps": {"windows": int(lost.sum()), "nominal_without": clear[0], "model_without": clear[1]},
         "channels": {
             c: {
                 "nominal": float(g.channels[k]),

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual_mpc.comparison.settings import ContrastSettings
+from residual_mpc.diagnosis.data.across_gaps import across_gaps
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset, joined, window_starts
 from residual_mpc.diagnosis.data.gap import Scales, measure_scales
 from residual_mpc.diagnosis.data.outliers import Outliers, find_outliers
@@ -61,7 +62,7 @@ def windows(
     horizon: float,
     settings: DataSettings,
 ) -> Dataset:
-    """The windows of both sets, those before first, each set in separate blocks."""
+    """The windows of both sets, those before first, each set in separate blocks; none across a gap in the log."""
     begun = [window_starts(r, horizon) for r in runs]
     parts = []
     for name, mine in (("before", ~later), ("after", later)):
@@ -71,7 +72,8 @@ def windows(
         except BadInput as error:
             raise BadInput(f"{error.what} in the runs {name} the change", error.where, error.remedy) from error
         blocks = tuple(replace(b, later=name == "after") for b in part.blocks)
-        parts.append(replace(part, blocks=blocks))
+        part = replace(part, blocks=blocks)
+        parts.append(part.take(~across_gaps(part)))
     return joined(parts)
 
 

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from residual_mpc.diagnosis.data.across_gaps import across_gaps, between_gaps
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.gap import Scales, measure_scales, per_window, still_channels
 from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held_out_mask
@@ -44,12 +45,12 @@ class DiagnosisInput:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """raw: W windows as they were logged, all that are held out and of the others no more than fits need; clean: less
-    the samples that jump away. kept, held (W,) bool: what no fit may see; longer: the same runs over the longer
-    horizons that the nominal model can predict; near: shorter windows that fits may see, with their scales, if the
-    model can predict the headline's horizon but no longer one. Errors then grow so fast that a few diverging windows of
-    the headline's horizon would dominate the fit. free (W,) bool: the windows that fits may see: neither held out nor
-    at the beginning of a run whose past is unknown."""
+    """raw: W windows as they were logged, all that are held out and of the others no more than fits need, none across a
+    gap in the log; clean: less the samples that jump away. kept, held (W,) bool: what no fit may see; longer: the same
+    runs over the longer horizons that the nominal model can predict; near: shorter windows that fits may see, with
+    their scales, if the model can predict the headline's horizon but no longer one. Errors then grow so fast that a few
+    diverging windows of the headline's horizon would dominate the fit. free (W,) bool: the windows that fits may see:
+    neither held out nor at the beginning of a run whose past is unknown."""
 
     raw: Dataset
     clean: Dataset
@@ -83,12 +84,14 @@ def prepare(given: DiagnosisInput, rng: np.random.Generator, progress: Progress)
     raw = build_dataset(runs, robots, noise, options.horizon, settings=settings.data)
     scales = measure_scales(raw)
     outliers = find_outliers(raw, settings=settings.data)
+    logged, raw = raw, raw.take(~across_gaps(raw))
     clean = with_outliers_removed(raw, outliers.flagged)
     kept, most = options.held_out, options.phases.most_steps
     if kept is None:
         quick = quickened(raw, scales, settings=settings.predict) if raw.cost > most else raw
         missed = per_window(raw, scales, raw.y - predict(quick, Settings(1))[0])
         kept = choose_held_out(raw, missed, settings=settings.data)
+    kept = between_gaps(logged, kept)
     held = held_out_mask(raw, kept)
     used = held | _evenly_of(raw, ~held, most, settings.data)
     if not used.all():

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from residual_mpc.diagnosis.data.across_gaps import clear_of_gaps, unknown_spans
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset, window_starts
 from residual_mpc.diagnosis.data.gap import Scales, gap_of, measure_scales
 from residual_mpc.diagnosis.data.hold_out import KeptBack
@@ -71,7 +72,7 @@ def windows_over(
 ) -> HorizonWindows | None:
     """The runs over a horizon, of which `shorter` is the one before; None where nothing moves or no window has a
     measured start."""
-    whole = full_windows(runs, horizon)
+    whole = [t[clear_of_gaps(r, t, horizon)] for r, t in zip(runs, full_windows(runs, horizon), strict=True)]
     if sum(map(len, whole)) < settings.horizons.fewest:
         return None
     try:
@@ -140,6 +141,7 @@ def _cut(
     unknown: np.ndarray,
     settings: PredictSettings,
 ) -> tuple[Dataset, Scales] | None:
+    spans = [joined_spans([*s, *unknown_spans(r)]) for r, s in zip(runs, spans, strict=True)]
     between = [free_starts(r, s, length) for r, s in zip(runs, spans, strict=True)]
     past = settings.data.unknown_past
     skips = past.forgotten * unknown  # (R,) s
@@ -167,11 +169,15 @@ def foretold(clean: Dataset, scales: Scales, rng: np.random.Generator, settings:
 
 def held_spans(run: Run, kept: Sequence[KeptBack]) -> list[tuple[float, float]]:
     """What is held out of a run, s, neighbours joined, in order."""
-    mine = sorted(
-        (-np.inf, np.inf) if k.start is None or k.end is None else (k.start, k.end) for k in kept if k.run == run.name
+    return joined_spans(
+        [(-np.inf, np.inf) if k.start is None or k.end is None else (k.start, k.end) for k in kept if k.run == run.name]
     )
+
+
+def joined_spans(spans: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """The spans, s, in order, those that meet as one."""
     out: list[tuple[float, float]] = []
-    for begin, end in mine:
+    for begin, end in sorted(spans):
         if out and begin <= out[-1][1] + 1e-6:
             out[-1] = (out[-1][0], max(out[-1][1], end))
         else:

@@ -16,6 +16,7 @@ from residual_mpc.diagnosis.results.records import Moved, Setup
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.verdict import beats_forecast, deciding
 from residual_mpc.effects.command import COMMAND_DELAY
+from residual_mpc.logs.time_gaps import time_gaps
 from residual_mpc.models.settings import TUNE
 
 
@@ -118,6 +119,10 @@ def notes(
             )
     if not of.held.any():
         said.append("The runs are too short to hold out windows: all figures are on windows used in the fit.")
+    broken = sum(len(time_gaps(run)) > 0 for run in of.raw.runs)
+    if broken:
+        some = f"{broken} of {len(of.raw.runs)} logs have" if broken > 1 else "1 log has"
+        said.append(f"{some} gaps in time, in which commands may be lost: windows across them are left out.")
     if of.raw.skipped:
         some = "1 window was" if of.raw.skipped == 1 else f"{of.raw.skipped} windows were"
         said.append(f"{some} skipped: a measured channel has no sample within 0.25 s of the start.")

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual_mpc.diagnosis.data.across_gaps import across_gaps
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of, measure_scales, per_window
 from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held_out_mask
@@ -43,12 +44,14 @@ def build_evaluation(
     runs: Sequence[Run], robots: Sequence[Robot], noise: Mapping[str, float], horizon: float, effects: Settings,
     flagged: bool, cleaned: bool,
 ) -> Evaluation:  # fmt: skip
-    """flagged: without the samples that a diagnosis leaves out; cleaned: without all that a jump spoils."""
-    raw = build_dataset(runs, robots, noise, horizon)
+    """On the windows that are not across a gap in the log. flagged: without the samples that a diagnosis leaves out;
+    cleaned: without all that a jump spoils."""
+    logged = build_dataset(runs, robots, noise, horizon)
+    raw = logged.take(~across_gaps(logged))
     seen = (
         with_outliers_removed(raw, find_outliers(raw).flagged) if flagged else without_outliers(raw) if cleaned else raw
     )
-    return Evaluation(seen, measure_scales(raw), effects)
+    return Evaluation(seen, measure_scales(logged), effects)
 
 
 def overlapping(data: Dataset, kept: Sequence[KeptBack]) -> np.ndarray:

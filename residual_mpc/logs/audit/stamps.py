@@ -9,9 +9,8 @@ import numpy as np
 from residual_mpc.logs.audit.facts import RobotFacts
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.run import Run
+from residual_mpc.logs.time_gaps import rows_before_gaps
 
-GAP = 5.0  # median periods
-LONG_GAP = 0.25  # s: no start state can be fitted across more
 JITTER = 0.5  # of the median period, from the 5th to the 95th percentile
 SLOW = 0.25  # s between samples: a window of a second then holds fewer than four
 
@@ -64,12 +63,11 @@ def check_stamps(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
 
 
 def _gaps(run: Run) -> list[Finding]:
-    step = np.diff(run.t)
-    wide = np.flatnonzero(step > max(GAP * run.period, LONG_GAP))
+    step, wide = np.diff(run.t), rows_before_gaps(run)
     if not wide.size:
         return []
     k = int(wide[0])
-    more = f", and {wide.size - 1} more gaps" if wide.size > 1 else ""
+    more = f", and {wide.size - 1} more {'gap' if wide.size == 2 else 'gaps'}" if wide.size > 1 else ""
     return [
         Finding(
             "warning",
@@ -78,7 +76,8 @@ def _gaps(run: Run) -> list[Finding]:
             "t",
             k,
             f"no samples for {step[k]:.3g} s from t = {run.t[k]:.6g} s{more} ({step[wide].sum():.3g} s in total)",
-            "the last command is held during a gap; split the run there if commands were lost",
+            "nothing to do: only `gap` counts windows across it, with the last command held; all else leaves them "
+            "out",
         )
     ]
 
