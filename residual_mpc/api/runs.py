@@ -10,7 +10,7 @@ from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.run_models import RunModels
 from residual_mpc.errors import BadInput
 from residual_mpc.files import write_atomically
-from residual_mpc.logs.audit import audit
+from residual_mpc.logs.audit import audit, with_incidents
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.mended import mended
 from residual_mpc.logs.readers.read import read_runs as read_tables
@@ -103,7 +103,9 @@ def read_runs(robot: NominalRobot, paths: Paths) -> Runs:
     names = [run.name for run in runs]
     sizes = implausible_sizes(robot.file, names)
     shapes = [overlap.finding() for overlap in refuted.overlaps]
-    findings = (*sizes, *result.findings, *mends, *shapes, *audit(runs, facts_of(robot.model)))
+    facts = facts_of(robot.model)
+    runs = with_incidents(runs, facts)
+    findings = (*sizes, *result.findings, *mends, *shapes, *audit(runs, facts))
     noise = noise_over(robot.file, names)
     return Runs(runs, tuple(models), noise, findings, given)
 

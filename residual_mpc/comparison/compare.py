@@ -126,9 +126,10 @@ def _judged(
     unexplained = unexplained_share(gap, settings)
     lost = last.found.again is not None
     verdict = verdict_of(bool(found.changes or jumping), left.p, unexplained, gap, lost, settings)
-    named = named_changes(whole, fit, rivals, spread, settings.sure, settings)
+    named = named_changes(whole, fit, rivals, spread, gap.predicted, settings.sure, settings)
     sure = settings.sure if verdict == "changed" else settings.sure_partial * (1.0 - unexplained)
-    named = named if sure == settings.sure else named_changes(whole, fit, rivals, spread, sure, settings)
+    if sure != settings.sure:
+        named = named_changes(whole, fit, rivals, spread, gap.predicted, sure, settings)
     considered = (*named, *jumping)
     groups = tuple(tuple(tuple(plain(t) for t in m) for m in g) for g in rivals.groups)
     # what is not named was significant, so that the sets differ

@@ -1,6 +1,11 @@
 """The changes that an answer names, with their probabilities, and what could stand in their place."""
 
-from residual_mpc.comparison.records import Change, ChangeCandidate
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.special import ndtr
+
+from residual_mpc.comparison.records import Change, ChangeCandidate, Predicted
 from residual_mpc.comparison.rivals import ChangeRivals
 from residual_mpc.comparison.search import FoundChange
 from residual_mpc.comparison.settings import ComparisonSettings
@@ -16,10 +21,12 @@ def named_changes(
     fit: Fit,
     rivals: ChangeRivals,
     spread: Spread,
+    predicted: Mapping[Term, Predicted],
     sure: float,
     settings: ComparisonSettings,
 ) -> tuple[Change, ...]:
-    """The changes with their sizes, what explains most first; sure: the largest probability of one."""
+    """The changes with their sizes, what explains most first; predicted: of each, what it predicts; sure: the largest
+    probability of one."""
     out = []
     for c in sorted(rivals.found.changes, key=lambda c: -rivals.parts.get(c.term, 1.0)):
         effect, slots = BY_NAME[c.term.effect], problem.space.slots[c.term.effect]
@@ -27,13 +34,31 @@ def named_changes(
         by_fit = min(
             1.0 - c.by_fit, settings.doubtful / max(sure, 1e-9)
         )  # what its fit alone shows is no more than possible
-        probability = sure * rivals.shares.get(c.term, 1.0) * max(1.0 - c.p, by_fit)
+        tested = beside_chance(c.p)
+        if c.p <= settings.contrast.level:
+            tested = max(tested, beside_chance(p_of_prediction(predicted.get(c.term))))
+        probability = sure * rivals.shares.get(c.term, 1.0) * max(tested, by_fit)
         numbers = changed_numbers(problem, fit, c.term, spread, least_half(problem, fit, c.term, settings))
         unsized = any(n.note for n in numbers) or all(n.may_be_none for n in numbers)
         if c.by_fit_alone or unsized or rivals.parts.get(c.term, 1.0) < settings.faint:
             probability = min(probability, settings.doubtful)
         out.append(Change(plain(c.term), probability, c.p, numbers, effect.summary, only))
     return tuple(out)
+
+
+def beside_chance(p: float) -> float:
+    """The largest probability that a p value leaves to a cause against chance, if both were as likely before: -e p ln p
+    bounds the Bayes factor from below (Sellke, Bayarri and Berger 2001, eq. 3). Above 1 / e, where that says nothing,
+    it falls in proportion to 1 - p."""
+    if p >= 1.0 / np.e:
+        return 0.5 * (1.0 - p) / (1.0 - 1.0 / np.e)
+    return float(1.0 / (1.0 - np.e * p * np.log(max(p, 1e-300))))
+
+
+def p_of_prediction(predicted: Predicted | None) -> float:
+    """Of a gain as large as that of a change on windows that its numbers were not fitted to, from one that predicts
+    nothing."""
+    return 1.0 if predicted is None else float(ndtr(-predicted.gain / max(predicted.error, 1e-300)))
 
 
 def may_be_none(

@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual_mpc.comparison.settings import ContrastSettings
-from residual_mpc.diagnosis.data.across_gaps import across_gaps
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset, joined, window_starts
 from residual_mpc.diagnosis.data.gap import Scales, measure_scales
+from residual_mpc.diagnosis.data.left_out import unfit, without
 from residual_mpc.diagnosis.data.outliers import Outliers, find_outliers
 from residual_mpc.diagnosis.data.settings import DataSettings
+from residual_mpc.diagnosis.data.stale import with_stale
 from residual_mpc.diagnosis.predict.replay import with_outliers_removed
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
@@ -19,8 +20,8 @@ from residual_mpc.models.protocol import Robot
 
 @dataclass(frozen=True, eq=False)
 class TwoSets:
-    """raw: all W windows of both sets; clean: the same without outliers; later (R,) bool: which runs belong to the
-    later set; outliers: flagged in `raw`, velocities included."""
+    """raw: all W windows of both sets; clean: the same without outliers and stale readings; later (R,) bool: which runs
+    belong to the later set; outliers: flagged in `raw`, velocities included."""
 
     raw: Dataset
     clean: Dataset
@@ -50,7 +51,7 @@ def cut(
     raw = windows(runs, robots, noise, later, horizon, settings)
     scales = measure_scales(raw)
     found = find_outliers(raw, settings=settings)
-    clean = with_outliers_removed(raw, found.flagged)
+    clean = with_outliers_removed(raw, with_stale(raw, found.flagged))
     return TwoSets(raw, clean, scales, later, find_outliers(raw, settings=settings, velocities=True))
 
 
@@ -62,7 +63,8 @@ def windows(
     horizon: float,
     settings: DataSettings,
 ) -> Dataset:
-    """The windows of both sets, those before first, each set in separate blocks; none across a gap in the log."""
+    """The windows of both sets, those before first, each set in separate blocks; none across a gap or an incident of
+    the log."""
     begun = [window_starts(r, horizon) for r in runs]
     parts = []
     for name, mine in (("before", ~later), ("after", later)):
@@ -73,7 +75,7 @@ def windows(
             raise BadInput(f"{error.what} in the runs {name} the change", error.where, error.remedy) from error
         blocks = tuple(replace(b, later=name == "after") for b in part.blocks)
         part = replace(part, blocks=blocks)
-        parts.append(part.take(~across_gaps(part)))
+        parts.append(without(part, unfit(part)))
     return joined(parts)
 
 
@@ -106,7 +108,7 @@ def windows_of(
     windows."""
     try:
         data = windows(sets.raw.runs, robots, noise, sets.later, horizon, settings)
-        data = with_outliers_removed(data, find_outliers(data, settings=settings).flagged)
+        data = with_outliers_removed(data, with_stale(data, find_outliers(data, settings=settings).flagged))
         return data, measure_scales(data)
     except BadInput:  # a set has no window of that length, or nothing moves
         return None

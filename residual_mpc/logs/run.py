@@ -27,6 +27,7 @@ class Run:
         extra_columns: those of them that are numeric, each (n,).
         source: the file, for messages.
         start: s, what the log's own clock showed at t = 0.
+        incidents: (begin, end) s of stretches that no model explains: a sensor failed, or the robot was off.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Run:
     extra_columns: Mapping[str, FloatArray] = field(default_factory=dict)
     source: str = ""
     start: float = 0.0
+    incidents: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         n = len(self.t)

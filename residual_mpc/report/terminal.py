@@ -49,7 +49,7 @@ def gap_lines(gap: Document) -> list[str]:
         lines.append(f"  {name:<24} {number(c['nominal'])}{arrow}  (noise floor {number(c['noise_floor'], 2)})")
     lines += [horizon_line(one, other) for one in longer]
     lines += _reference(gap)
-    lines += _across_log_gaps(gap, other)
+    lines += _left_out(gap, other)
     lines += _doubts(gap, other)
     if not other and not gap.get("noise_stated", True) and floor_matters(gap):
         lines.append("the noise floor is estimated from these runs; if the sensor noise is known, put it under [noise]")
@@ -65,13 +65,13 @@ def _reference(gap: Document) -> list[str]:
     return [] if constant is None else [f"gap of a constant-velocity forecast: {number(constant)}"]
 
 
-def _across_log_gaps(gap: Document, explained: bool) -> list[str]:
-    """The gap without the windows in which commands may be lost, if there are any."""
-    lost = gap.get("across_log_gaps") or {"windows": 0}
+def _left_out(gap: Document, explained: bool) -> list[str]:
+    """The gap without the windows across gaps and incidents of the log, if there are any."""
+    lost = gap.get("left_out_of_fits") or {"windows": 0}
     if not lost["windows"]:
         return []
     without = number(lost["nominal_without"]) + (f" -> {number(lost['model_without'])}" if explained else "")
-    return [f"without the {count(lost['windows'], 'window')} across gaps in the log: {without}"]
+    return [f"without the {count(lost['windows'], 'window')} across gaps or incidents of the log: {without}"]
 
 
 def _doubts(gap: Document, explained: bool) -> list[str]:

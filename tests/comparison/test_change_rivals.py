@@ -11,6 +11,7 @@ from plants.diff_drive import DiffDrive
 from residual_mpc.comparison import named, rivals
 from residual_mpc.comparison.likelihood import Explanation
 from residual_mpc.comparison.named import may_be_none
+from residual_mpc.comparison.records import Predicted
 from residual_mpc.comparison.rivals import ChangeRivals, _alone_as_good, _hardly_told, _in_place_of, find_change_rivals
 from residual_mpc.comparison.search import FoundChange, FoundChanges, search_changes
 from residual_mpc.comparison.sets import cut, units_of
@@ -137,7 +138,7 @@ def test_what_was_a_rival_of_a_dropped_change_is_a_candidate_no_more() -> None:
 
 @pytest.mark.parametrize(
     ("p", "by_fit", "sure", "expected"),
-    [(0.9, 1e-4, 0.97, 0.45), (0.9, 0.95, 0.97, 0.097), (0.1, 1e-4, 0.97, 0.873), (0.01, 1.0, 0.97, 0.9603),
+    [(0.9, 1e-4, 0.97, 0.45), (0.9, 0.95, 0.97, 0.0767), (0.1, 1e-4, 0.97, 0.5967), (0.01, 1.0, 0.97, 0.8621),
      (0.01, 1e-4, 0.0, 0.0)],  # where all changes together explain nothing
 )  # fmt: skip
 def test_a_change_that_only_its_fit_shows_is_no_more_than_possible(
@@ -149,11 +150,29 @@ def test_a_change_that_only_its_fit_shows_is_no_more_than_possible(
     found: Any = SimpleNamespace(changes=(FoundChange(LATE, p, by_fit),))
     told: Any = SimpleNamespace(found=found, parts={LATE: 1.0}, shares={LATE: 1.0})
     problem: Any = SimpleNamespace(space=SimpleNamespace(slots={LATE.effect: ()}))
-    (change,) = named.named_changes(problem, Any, told, Any, sure, ComparisonSettings())
-    assert change.probability == pytest.approx(expected)
+    (change,) = named.named_changes(problem, Any, told, Any, {}, sure, ComparisonSettings())
+    assert change.probability == pytest.approx(expected, rel=1e-3)
     found.changes = (FoundChange(LATE, p, by_fit, by_fit_alone=True),)
-    (change,) = named.named_changes(problem, Any, told, Any, sure, ComparisonSettings())
-    assert change.probability == pytest.approx(min(expected, 0.45))
+    (change,) = named.named_changes(problem, Any, told, Any, {}, sure, ComparisonSettings())
+    assert change.probability == pytest.approx(min(expected, 0.45), rel=1e-3)
+
+
+def test_windows_that_no_fit_has_seen_make_a_significant_change_more_probable(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By as much as they fit better with it; one that its own test does not show gains nothing."""
+    sized = SimpleNamespace(note="", may_be_none=False)
+    monkeypatch.setattr(named, "changed_numbers", lambda *_: (sized,))
+    monkeypatch.setattr(named, "least_half", lambda *_: 0.0)
+    problem: Any = SimpleNamespace(space=SimpleNamespace(slots={LATE.effect: ()}))
+
+    def probability(p: float, z: float) -> float:
+        found: Any = SimpleNamespace(changes=(FoundChange(LATE, p, 1.0),))
+        told: Any = SimpleNamespace(found=found, parts={LATE: 1.0}, shares={LATE: 1.0})
+        predicted = {LATE: Predicted(z * 0.01, 0.01, 0.5)}
+        return named.named_changes(problem, Any, told, Any, predicted, 0.97, ComparisonSettings())[0].probability
+
+    assert probability(0.03, 3.5) > 0.96 > 0.8 > probability(0.03, 1.3) > 0.7
+    assert probability(0.001, 0.5) > 0.94
+    assert probability(0.2, 3.5) < 0.55
 
 
 def test_what_serves_as_well_on_both_sets_is_no_rival_of_a_change(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -121,7 +121,8 @@ def gap_from_squares(total: np.ndarray, count: np.ndarray, weight: np.ndarray) -
     """Gaps (B,) for window weights (B, W)."""
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = (weight @ total) / (weight @ count)
-    return np.asarray(np.sqrt(np.nanmean(mean, axis=1)))
+        there = np.isfinite(mean)
+        return np.asarray(np.sqrt(np.where(there, mean, 0.0).sum(axis=1) / there.sum(axis=1)))
 
 
 def per_window(data: Dataset, scales: Scales, error: np.ndarray) -> np.ndarray:

@@ -6,12 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from residual_mpc.diagnosis.data.across_gaps import across_gaps, between_gaps
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.gap import Scales, measure_scales, per_window, still_channels
 from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held_out_mask
+from residual_mpc.diagnosis.data.left_out import unfit, untold, without, without_unfit
 from residual_mpc.diagnosis.data.outliers import Outliers, find_outliers
 from residual_mpc.diagnosis.data.settings import DataSettings
+from residual_mpc.diagnosis.data.stale import with_stale
 from residual_mpc.diagnosis.data.subsampling import evenly, thin_whole
 from residual_mpc.diagnosis.data.unknown_past import after_unknown_past, runs_with_unknown_past
 from residual_mpc.diagnosis.options import Options, Progress
@@ -46,11 +47,11 @@ class DiagnosisInput:
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """raw: W windows as they were logged, all that are held out and of the others no more than fits need, none across a
-    gap in the log; clean: less the samples that jump away. kept, held (W,) bool: what no fit may see; longer: the same
-    runs over the longer horizons that the nominal model can predict; near: shorter windows that fits may see, with
-    their scales, if the model can predict the headline's horizon but no longer one. Errors then grow so fast that a few
-    diverging windows of the headline's horizon would dominate the fit. free (W,) bool: the windows that fits may see:
-    neither held out nor at the beginning of a run whose past is unknown."""
+    gap in the log; clean: less the samples that jump away or are stale. kept, held (W,) bool: what no fit may see;
+    longer: the same runs over the longer horizons that the nominal model can predict; near: shorter windows that fits
+    may see, with their scales, if the model can predict the headline's horizon but no longer one. Errors then grow so
+    fast that a few diverging windows of the headline's horizon would dominate the fit. free (W,) bool: the windows that
+    fits may see: neither held out nor at the beginning of a run whose past is unknown."""
 
     raw: Dataset
     clean: Dataset
@@ -84,26 +85,27 @@ def prepare(given: DiagnosisInput, rng: np.random.Generator, progress: Progress)
     raw = build_dataset(runs, robots, noise, options.horizon, settings=settings.data)
     scales = measure_scales(raw)
     outliers = find_outliers(raw, settings=settings.data)
-    logged, raw = raw, raw.take(~across_gaps(raw))
-    clean = with_outliers_removed(raw, outliers.flagged)
+    logged, raw = raw, without(raw, untold(raw))
+    spoilt = with_stale(raw, outliers.flagged)
+    clean = with_outliers_removed(raw, spoilt)
     kept, most = options.held_out, options.phases.most_steps
     if kept is None:
         quick = quickened(raw, scales, settings=settings.predict) if raw.cost > most else raw
         missed = per_window(raw, scales, raw.y - predict(quick, Settings(1))[0])
         kept = choose_held_out(raw, missed, settings=settings.data)
-    kept = between_gaps(logged, kept)
+    kept = without_unfit(logged, kept)
     held = held_out_mask(raw, kept)
     used = held | _evenly_of(raw, ~held, most, settings.data)
     if not used.all():
         raw, clean, held = raw.take(used), clean.take(used), held[used]
     past = settings.data.unknown_past
     unknown = runs_with_unknown_past(raw, past)
-    free = after_unknown_past(raw, ~held, unknown, past)
+    free = after_unknown_past(raw, _fit_for(raw, ~held), unknown, past)
     asked = (options.only, options.without, options.without_because)
     space = build_space(clean.take(free), given.tunable, *asked, still_channels(raw, scales))
     wanted = (options.horizon, *longer_horizons(raw.runs, options.horizon, settings=settings.predict))
     looks = (
-        windows_over(runs, robots, noise, h, shorter, kept, outliers.flagged, unknown, settings=settings.predict)
+        windows_over(runs, robots, noise, h, shorter, kept, spoilt, unknown, settings=settings.predict)
         for shorter, h in pairwise(wanted)
     )
     there = [_with_fewer(look, most, settings.data) for look in looks if look is not None]
@@ -111,8 +113,15 @@ def prepare(given: DiagnosisInput, rng: np.random.Generator, progress: Progress)
     near = None
     if there and not longer and foretold(clean, scales, rng, settings=settings.predict):
         shorter = options.horizon * settings.predict.horizons.shorter
-        near = windows_between(runs, robots, noise, shorter, kept, outliers.flagged, unknown, settings=settings.predict)
+        near = windows_between(runs, robots, noise, shorter, kept, spoilt, unknown, settings=settings.predict)
     return Prepared(raw, clean, scales, outliers, kept, held, free, space, longer, near, options)
+
+
+def _fit_for(data: Dataset, free: np.ndarray) -> np.ndarray:
+    """(W,) bool: of the windows that are not held out (W,) those that tell something of the robot, or all if none
+    does."""
+    fit = free & ~unfit(data)
+    return fit if fit.any() else free
 
 
 def _evenly_of(data: Dataset, free: np.ndarray, most: int, settings: DataSettings) -> np.ndarray:

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual_mpc.diagnosis.data.across_gaps import clear_of_gaps, unknown_spans
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset, window_starts
 from residual_mpc.diagnosis.data.gap import Scales, gap_of, measure_scales
 from residual_mpc.diagnosis.data.hold_out import KeptBack
+from residual_mpc.diagnosis.data.left_out import unfit_spans, untold, without
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
@@ -72,12 +72,16 @@ def windows_over(
 ) -> HorizonWindows | None:
     """The runs over a horizon, of which `shorter` is the one before; None where nothing moves or no window has a
     measured start."""
-    whole = [t[clear_of_gaps(r, t, horizon)] for r, t in zip(runs, full_windows(runs, horizon), strict=True)]
+    whole = full_windows(runs, horizon)
     if sum(map(len, whole)) < settings.horizons.fewest:
         return None
     try:
         raw = build_dataset(runs, robots, noise, horizon, whole, settings=settings.data)
         scales = measure_scales(raw)
+        lost = untold(raw)
+        if lost.all():
+            return None
+        raw = raw.take(~lost)
     except BadInput:  # said already, of the first horizon
         return None
     clean = with_outliers_removed(raw, flagged)
@@ -141,7 +145,7 @@ def _cut(
     unknown: np.ndarray,
     settings: PredictSettings,
 ) -> tuple[Dataset, Scales] | None:
-    spans = [joined_spans([*s, *unknown_spans(r)]) for r, s in zip(runs, spans, strict=True)]
+    spans = [joined_spans([*s, *unfit_spans(r)]) for r, s in zip(runs, spans, strict=True)]
     between = [free_starts(r, s, length) for r, s in zip(runs, spans, strict=True)]
     past = settings.data.unknown_past
     skips = past.forgotten * unknown  # (R,) s
@@ -151,9 +155,8 @@ def _cut(
     if sum(map(len, between)) < settings.horizons.fewest:
         return None
     try:
-        cut = with_outliers_removed(
-            build_dataset(runs, robots, noise, length, between, settings=settings.data), flagged
-        )
+        cut = build_dataset(runs, robots, noise, length, between, settings=settings.data)
+        cut = with_outliers_removed(without(cut, untold(cut)), flagged)
         return cut, measure_scales(cut)
     except BadInput:  # none has a measured start, or nothing moves
         return None

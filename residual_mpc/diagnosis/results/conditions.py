@@ -1,6 +1,6 @@
 """What a diagnosis rests on: how its runs were made, the parameters that moved, and the notes to its figures."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -16,8 +16,23 @@ from residual_mpc.diagnosis.results.records import Moved, Setup
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.verdict import beats_forecast, deciding
 from residual_mpc.effects.command import COMMAND_DELAY
+from residual_mpc.logs.run import Run
 from residual_mpc.logs.time_gaps import time_gaps
 from residual_mpc.models.settings import TUNE
+
+
+def _left_out(runs: Sequence[Run]) -> list[str]:
+    """Gaps and incidents of the logs."""
+    said = []
+    for what, broken in (
+        ("gaps in time, in which commands may be lost: windows across them are left out", [time_gaps(r) for r in runs]),
+        ("incidents, see `residual-mpc check`: no fit sees windows across them", [r.incidents for r in runs]),
+    ):
+        count = sum(len(b) > 0 for b in broken)
+        if count:
+            verb = "has" if count == 1 else "have"
+            said.append(f"{count} of {len(runs)} logs {verb} {what}.")
+    return said
 
 
 def setup(data: Dataset, spread: float) -> Setup:
@@ -119,10 +134,7 @@ def notes(
             )
     if not of.held.any():
         said.append("The runs are too short to hold out windows: all figures are on windows used in the fit.")
-    broken = sum(len(time_gaps(run)) > 0 for run in of.raw.runs)
-    if broken:
-        some = f"{broken} of {len(of.raw.runs)} logs have" if broken > 1 else "1 log has"
-        said.append(f"{some} gaps in time, in which commands may be lost: windows across them are left out.")
+    said += _left_out(of.raw.runs)
     if of.raw.skipped:
         some = "1 window was" if of.raw.skipped == 1 else f"{of.raw.skipped} windows were"
         said.append(f"{some} skipped: a measured channel has no sample within 0.25 s of the start.")

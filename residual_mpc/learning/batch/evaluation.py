@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.diagnosis.data.across_gaps import across_gaps
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of, measure_scales, per_window
 from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held_out_mask
+from residual_mpc.diagnosis.data.left_out import unfit, without
 from residual_mpc.diagnosis.data.outliers import find_outliers
 from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
 from residual_mpc.learning.forms.form import Form
@@ -44,10 +44,10 @@ def build_evaluation(
     runs: Sequence[Run], robots: Sequence[Robot], noise: Mapping[str, float], horizon: float, effects: Settings,
     flagged: bool, cleaned: bool,
 ) -> Evaluation:  # fmt: skip
-    """On the windows that are not across a gap in the log. flagged: without the samples that a diagnosis leaves out;
-    cleaned: without all that a jump spoils."""
+    """On the windows that are not across a gap or an incident of the log. flagged: without the samples that a
+    diagnosis leaves out; cleaned: without all that a jump spoils."""
     logged = build_dataset(runs, robots, noise, horizon)
-    raw = logged.take(~across_gaps(logged))
+    raw = without(logged, unfit(logged))
     seen = (
         with_outliers_removed(raw, find_outliers(raw).flagged) if flagged else without_outliers(raw) if cleaned else raw
     )

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from residual_mpc.diagnosis.data.across_gaps import across_gaps
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import Gap, per_window
 from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held_out_mask
+from residual_mpc.diagnosis.data.left_out import unfit
 from residual_mpc.diagnosis.predict.noise_floor import floor_of
 from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.errors import BadInput
@@ -136,7 +136,7 @@ def _train(
     grid = evaluation.data.blocks[0].drive.dt
     step = step_of(form, grid, settings)
     data = without_outliers(build_dataset(task.runs, task.robots, task.noise, settings.horizon * step))
-    train_windows = ~overlapping(data, (*kept, *put_aside)) & ~across_gaps(data)
+    train_windows = ~overlapping(data, (*kept, *put_aside)) & ~unfit(data)
     if train_windows.sum() < FEWEST:
         raise BadInput(
             f"at least {FEWEST} windows of {settings.horizon * step:.3g} s are needed for training, "

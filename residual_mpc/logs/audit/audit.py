@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from residual_mpc.logs.audit.channels import check_channels
 from residual_mpc.logs.audit.driving import check_driving
 from residual_mpc.logs.audit.facts import RobotFacts
+from residual_mpc.logs.audit.incidents import check_incidents
 from residual_mpc.logs.audit.jumps import check_jumps
 from residual_mpc.logs.audit.pairing import check_pairing
 from residual_mpc.logs.audit.ranges import check_ranges
@@ -19,8 +20,8 @@ from residual_mpc.logs.run import Run
 
 Check = Callable[[Sequence[Run], RobotFacts], list[Finding]]
 CHECKS: tuple[Check, ...] = (
-    check_stamps, check_channels, check_values, check_ranges, check_jumps, check_pairing, check_rates, check_driving,
-    check_stops,
+    check_stamps, check_channels, check_values, check_ranges, check_jumps, check_incidents, check_pairing, check_rates,
+    check_driving, check_stops,
 )  # fmt: skip
 RANK = {"error": 0, "warning": 1, "info": 2}
 

@@ -125,4 +125,5 @@ def _slow_sensor(name: str, runs: Sequence[Run]) -> list[Finding]:
     rate = 1.0 / float(np.median([run.period for run in runs]))
     how = "is missing" if fresh > SLOWER * present else "repeats its value"
     message = f"{name} updates at about {rate * fresh / total:.3g} Hz and {how} in between; the log has {rate:.3g} Hz"
-    return [Finding("info", "slow sensor", "", name, None, message)]
+    remedy = "" if how == "is missing" else "fits of positions leave the repeats out"
+    return [Finding("info", "slow sensor", "", name, None, message, remedy)]

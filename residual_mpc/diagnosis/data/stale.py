@@ -1,0 +1,19 @@
+"""Readings that repeat a slower sensor's last one: they were not measured when they are stamped, so that fits to them
+would find a delay."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import POSITION_LIKE, Dataset
+from residual_mpc.logs.signals import fresh_samples
+
+
+def with_stale(data: Dataset, flagged: Mapping[tuple[int, str], np.ndarray]) -> dict[tuple[int, str], np.ndarray]:
+    """The flagged samples (n,) bool of each signal, by run and channel, and the stale ones of each position."""
+    out = dict(flagged)
+    for key, signal in data.signals.items():
+        stale = ~fresh_samples(signal.y)
+        if key[1].split(".")[0] in POSITION_LIKE and stale.any():
+            out[key] = out[key] | stale if key in out else stale
+    return out

@@ -1,0 +1,140 @@
+"""Logs with gaps and incidents: windows across them judge no model, and fits see none of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from oracles.rover_log import SIGMA, rover_run
+
+from plants.diff_drive import DiffDrive
+from residual_mpc.comparison.sets import cut
+from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset, window_starts
+from residual_mpc.diagnosis.data.hold_out import KeptBack, held_out_mask
+from residual_mpc.diagnosis.data.left_out import clear_of, gap_spans, unfit, unfit_spans, untold, without, without_unfit
+from residual_mpc.diagnosis.data.settings import DataSettings
+from residual_mpc.diagnosis.data.stale import with_stale
+from residual_mpc.diagnosis.diagnose import diagnose
+from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.predict.horizons import windows_over
+from residual_mpc.diagnosis.predict.settings import PredictSettings
+from residual_mpc.learning.batch.evaluation import build_evaluation
+from residual_mpc.logs.run import Run
+from residual_mpc.models.settings import Settings
+
+ROVER = DiffDrive("rover", 0.033, 0.16)
+LOST = ((4.2, 5.1), (11.4, 12.2))  # s
+
+
+def with_gaps(run: Run, spans: tuple[tuple[float, float], ...] = LOST) -> Run:
+    keep = np.ones(len(run.t), dtype=bool)
+    for begin, end in spans:
+        keep &= (run.t <= begin) | (run.t >= end)
+    return Run(run.name, run.t[keep], {k: v[keep] for k, v in run.columns.items()})
+
+
+def broken(seconds: float = 20.0, count: int = 3) -> list[Run]:
+    return [with_gaps(rover_run(f"r{k}", {}, seconds, seed=k)) for k in range(count)]
+
+
+def dataset(runs: list[Run]) -> Dataset:
+    return build_dataset(runs, [ROVER] * len(runs), SIGMA)
+
+
+def test_windows_across_a_gap_and_soon_after_it() -> None:
+    run = with_gaps(rover_run("r", {}, 20.0))
+    starts = window_starts(run, 1.0)
+    assert starts[~clear_of(gap_spans(run), starts, 1.0)].tolist() == pytest.approx([4.0, 5.0, 11.0, 12.0])
+    assert [begin for begin, _ in gap_spans(run)] == pytest.approx([4.2, 11.4], abs=run.period)
+
+
+def test_a_log_without_gaps_loses_nothing_and_one_of_gaps_alone_keeps_all() -> None:
+    assert not untold(dataset([rover_run("r", {}, 8.0)])).any()
+    everywhere = tuple((k + 0.2, k + 0.8) for k in range(8))
+    all_lost = dataset([with_gaps(rover_run("r", {}, 8.0), everywhere)])
+    assert untold(all_lost).all() and without(all_lost, untold(all_lost)).count == all_lost.count
+
+
+def test_what_is_kept_back_is_the_blocks_without_unfit() -> None:
+    runs = [*broken(), rover_run("whole", {}, 20.0, seed=9)]
+    data = dataset(runs)
+    kept = without_unfit(data, (KeptBack("r1"), KeptBack("whole"), KeptBack("r2", 0.0, 3.0), KeptBack("r2", 8.0, 14.0)))
+    assert [(k.run, k.start, k.end) for k in kept if k.run == "r1"] == [
+        ("r1", 0.0, pytest.approx(4.0)), ("r1", pytest.approx(6.0), pytest.approx(11.0)),
+        ("r1", pytest.approx(13.0), pytest.approx(20.0)),
+    ]  # fmt: skip
+    assert KeptBack("whole") in kept and KeptBack("r2", 0.0, 3.0) in kept
+    mask = held_out_mask(data, kept)
+    assert not (mask & untold(data)).any()
+    assert mask.sum() == 16 + 20 + 3 + (3 + 1)
+
+
+def test_longer_windows_avoid_the_gaps() -> None:
+    runs = broken(30.0)
+    look = windows_over(
+        runs, [ROVER] * 3, {}, 5.0, 1.0, (KeptBack("r0"),), {}, np.zeros(3, dtype=bool), settings=PredictSettings()
+    )
+    assert look is not None and look.free is not None
+    for data in (look.raw, look.free[0]):
+        assert data.count
+        for i, start in zip(data.run, data.start, strict=True):
+            assert clear_of(gap_spans(runs[int(i)]), np.array([start]), data.horizon).all()
+
+
+def test_comparisons_and_trainings_leave_them_out() -> None:
+    runs = broken(count=4)
+    sets = cut(runs[:2], runs[2:], [ROVER] * 4, SIGMA, 1.0, DataSettings())
+    trained = build_evaluation(runs, [ROVER] * 4, SIGMA, 1.0, Settings(1), False, False)
+    for data in (sets.raw, sets.clean, trained.data):
+        assert data.count == 4 * 16 and not unfit(data).any()
+
+
+def test_a_perfect_robot_with_gaps_in_its_logs_has_no_gap() -> None:
+    runs = broken()
+    found = diagnose(runs, [ROVER] * 3, SIGMA, (), Options(), np.random.default_rng(0)).diagnosis
+    assert found.verdict == "no_gap"
+    assert any("windows across them are left out" in note for note in found.notes)
+
+
+def with_incident(run: Run, begin: float, end: float) -> Run:
+    return replace(run, incidents=((begin, end),))
+
+
+def test_no_fit_sees_an_incident_and_the_gap_counts_it() -> None:
+    """A localisation jumps by 0.3 m in one run: the cause is found as if it did not, and the jump is not hidden."""
+    faults = {"track_width": {"scale": 1.2}}
+    runs = [rover_run(f"r{k}", faults, 20.0, seed=k) for k in range(3)]
+    jumped = {**runs[1].columns, "pose.x": runs[1].columns["pose.x"] + 0.3 * (runs[1].t > 9.5)}
+    runs[1] = with_incident(replace(runs[1], columns=jumped), 9.45, 9.55)
+    assert unfit_spans(runs[1]) == [(9.45, pytest.approx(9.85))]
+    found = diagnose(runs, [ROVER] * 3, SIGMA, (), Options(), np.random.default_rng(0)).diagnosis
+    (cause,) = found.causes
+    assert cause.term.effect == "track_width"
+    assert cause.parameters[0].value == pytest.approx(1.2, rel=0.01)
+    assert all(k.run != "r1" or k.end is None or k.end <= 9.45 + 1e-6 or k.start >= 9.85 - 1e-6 for k in found.held_out)
+    assert any("no fit sees windows across them" in note for note in found.notes)
+
+
+def held_at(run: Run, samples: int) -> Run:
+    """The run with a localisation that reports every so many samples, and repeats itself in between."""
+    rows = np.arange(len(run.t)) // samples * samples
+    return replace(run, columns={k: v[rows] if k.startswith("pose.") else v for k, v in run.columns.items()})
+
+
+def test_fits_do_not_see_what_a_slow_sensor_repeats() -> None:
+    """They would find a delay of half its period."""
+    runs = [held_at(rover_run(f"r{k}", {"track_width": {"scale": 1.2}}, 20.0, seed=k), 4) for k in range(3)]
+    data = dataset(runs)
+    spoilt = with_stale(data, {})
+    assert {c for _, c in spoilt} == {"pose.x", "pose.y", "pose.theta"}
+    assert np.mean(spoilt[0, "pose.x"]) == pytest.approx(3 / 4, abs=0.03)
+    found = diagnose(runs, [ROVER] * 3, SIGMA, (), Options(), np.random.default_rng(0)).diagnosis
+    (cause,) = found.causes
+    assert cause.term.effect == "track_width"
+    low, high = cause.parameters[0].ci95
+    assert low < 1.2 < high < 1.25
+
+
+def test_a_sensor_at_the_rate_of_its_log_repeats_nothing() -> None:
+    assert with_stale(dataset([rover_run("r", {}, 10.0)]), {}) == {}
