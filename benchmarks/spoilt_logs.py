@@ -121,11 +121,12 @@ def _corrections(rng: Rng, run: int, table: Table) -> Table:
 
 
 def _carried(rng: Rng, run: int, table: Table) -> Table:
-    """A robot that somebody carries elsewhere within 1.5 s, in one run, while nothing is sent."""
+    """A robot that is stopped in one run, stands for 1 s, and is carried elsewhere within 1.5 s."""
     if run != 1:
         return table
-    row, count = int(rng.uniform(6.0, 12.0) * RATE), int(1.5 * RATE)
-    way = 0.5 - 0.5 * np.cos(np.pi * np.arange(count) / count)
+    row, rest, on_the_way = int(rng.uniform(6.0, 12.0) * RATE), int(RATE), int(1.5 * RATE)
+    way = np.concatenate([np.zeros(rest), 0.5 - 0.5 * np.cos(np.pi * np.arange(on_the_way) / on_the_way)])
+    count = len(way)
     shift = 0.5, -0.3, 0.8
     later = _rows(_moved_from(table, row, shift), np.arange(len(table["t"])) >= row)
     amid = {k: np.full(count, v[row]) for k, v in table.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -54,3 +55,21 @@ def test_a_diagnosis_names_it(tmp_path: Path) -> None:
     assert odd["run"] == "run2" and odd["gap"] > 2.0 * odd["others"]
     assert odd["note"].startswith("run2 fits far worse than every other run") and odd["note"] in found["notes"]
     assert any(odd["run"] in line for line in diagnosis_lines(found))
+
+
+def test_an_odd_run_does_not_make_the_cause_of_all_others_doubtful(tmp_path: Path) -> None:
+    """Left and right are exchanged in one run of five, and the track is wider in all."""
+    (tmp_path / "robot.toml").write_text(ROBOT)
+    for k in range(5):
+        run = rover_run(f"run{k}", {"track_width": {"scale": 1.2}}, 16.0, seed=k)
+        if k == 3:
+            left, right = run.columns["command.left"], run.columns["command.right"]
+            run = replace(run, columns={**run.columns, "command.left": right, "command.right": left})
+        write_run(run, tmp_path)
+    robot = rm.load_robot(tmp_path / "robot.toml")
+    found = rm.diagnose(robot, rm.read_runs(robot, sorted(tmp_path.glob("run*.csv")))).document
+    assert found["verdict"] == "partial" and found["odd_run"]["run"] == "run3"
+    (cause,) = (e for e in found["explanation"] if e["effect"] == "track_width")
+    assert cause["probability"] > 0.8
+    low, high = cause["parameters"]["scale"]["ci95"]
+    assert low < 1.2 < high

@@ -13,7 +13,7 @@ from residual_mpc.logs.audit import audit, with_incidents
 from residual_mpc.logs.run import Run
 
 Spoil = Callable[[Run], Run]
-KINDS = {"step", "frozen sensor", "standing"}
+KINDS = {"step", "frozen sensor", "standing", "carried"}
 
 
 def wheels(count: int = 3) -> list[Run]:
@@ -61,10 +61,30 @@ def stopped(run: Run) -> Run:
     return replace(run, t=period * np.arange(len(run.t) + count), columns=columns)
 
 
+def carried_off(run: Run) -> Run:
+    """At 8 s the robot is told to stand; from 9 to 10.5 s someone carries it 0.6 m."""
+    period, k = run.period, int(np.searchsorted(run.t, 8.0))
+    rest, way = int(1.0 / period), int(1.5 / period)
+    gone = np.concatenate([np.zeros(rest), 0.3 - 0.3 * np.cos(np.pi * np.arange(way) / way)])
+    rng = np.random.default_rng(0)
+    columns = {}
+    for name, y in run.columns.items():
+        amid, later = np.full(len(gone), y[k]), y[k:].copy()
+        if name == "pose.x":
+            amid, later = amid + gone, later + 0.6
+        if name.startswith("pose."):
+            amid = amid + 1e-3 * rng.normal(size=len(gone))
+        else:
+            amid = np.zeros(len(gone))
+        columns[name] = np.concatenate([y[:k], amid, later])
+    return replace(run, t=period * np.arange(len(run.t) + len(gone)), columns=columns)
+
+
 @pytest.mark.parametrize(
     ("spoil", "kind", "begin", "end"),
-    [(jumped, "step", None, None), (frozen, "frozen sensor", 8.0, 9.5), (stopped, "standing", 8.0, 11.0)],
-)
+    [(jumped, "step", None, None), (frozen, "frozen sensor", 8.0, 9.5), (stopped, "standing", 8.0, 11.0),
+     (carried_off, "carried", 9.0, 10.5)],
+)  # fmt: skip
 def test_wheels(spoil: Spoil, kind: str, begin: float | None, end: float | None) -> None:
     runs = wheels()
     runs[1] = spoil(runs[1])
@@ -87,6 +107,22 @@ def test_a_frozen_joint_of_an_arm() -> None:
     (finding,) = [f for f in audit(runs, ARM) if f.kind in KINDS]
     assert (finding.kind, finding.column, finding.run) == ("frozen sensor", "position.b", "run0")
     assert with_incidents(runs, ARM)[0].incidents == ((runs[0].t[first], runs[0].t[first + 100]),)
+
+
+def test_a_robot_that_stops_slowly_or_creeps_down_a_slope_is_not_carried() -> None:
+    """It does not set off: it is fastest when it is told to stand, or creeps from then on."""
+    runs = []
+    for run, creep in zip(wheels(4), (0.0, 0.0, 0.08, 0.08), strict=True):  # m/s
+        gone = carried_off(run)
+        since = gone.t - 8.0
+        during = (since > 0.0) & (since < 2.5)
+        coast = np.where(since > 0.0, 0.2 * (1.0 - np.exp(-np.minimum(since, 2.5) / 0.6)), 0.0)
+        x = gone.columns["pose.x"] - np.where(since > 2.5, 0.6, 0.0)
+        still = run.columns["pose.x"][int(np.searchsorted(run.t, 8.0))]
+        noise = 2e-3 * np.random.default_rng(1).normal(size=len(x))
+        x = np.where(during, still + noise, x) + (coast if creep == 0.0 else creep * gone.t)
+        runs.append(changed(gone, pose__x=x))
+    assert not [f for f in audit(runs, WHEELS) if f.kind == "carried"]
 
 
 def test_what_happens_all_the_time_is_not_left_out() -> None:

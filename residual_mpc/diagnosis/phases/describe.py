@@ -18,7 +18,7 @@ from residual_mpc.diagnosis.remainder.records import Rest
 from residual_mpc.diagnosis.remainder.resemblance import resembles
 from residual_mpc.diagnosis.results.alternatives import alternatives, candidates, rival_sets
 from residual_mpc.diagnosis.results.causes import causes_of, most_sure, refitted_without
-from residual_mpc.diagnosis.results.conditions import moved, notes, one_run, setup
+from residual_mpc.diagnosis.results.conditions import moved, notes, setup
 from residual_mpc.diagnosis.results.gaps import ExplanationGaps
 from residual_mpc.diagnosis.results.next_experiment import next_experiment
 from residual_mpc.diagnosis.results.one_encoder import of_one_encoder
@@ -57,7 +57,7 @@ def describe(
     answered(_diagnosis(validated, Extras()))
     found, of, settings = validated.gaps, validated.explanation, validated.options.settings
     progress("analysing the remaining error", 0.87)
-    learned, rest = _left(found, rng, learners, settings)
+    learned, rest = _left(validated.usual, rng, learners, settings)
     progress("attributing the gap to the stages", 0.93)
     gaps = found.everywhere["before"], found.everywhere["after"], found.floor_everywhere.total
     final = of.final if found.helps else None
@@ -73,9 +73,11 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     helps, final, settings = found.helps, of.final, validated.options.settings
     verdict, share = validated.verdict, found.verdict[1]
     # a slow effect hardly shows in the headline's gap: what is left counts where the gap is clearest
-    unexplained = judged_share(clearest(found.looks)) if helps else share
-    beats = beats_forecast(found.looks[0], found.constant_velocity)
-    certain = partial(most_sure, verdict, unexplained, _times_floor(found), beats, settings=settings)
+    usual = validated.usual
+    unexplained = judged_share(clearest(usual.looks)) if helps else share
+    beats = beats_forecast(usual.looks[0], usual.constant_velocity)
+    judged = verdict if validated.odd is None else usual.verdict[0]
+    certain = partial(most_sure, judged, unexplained, _times_floor(usual), beats, settings=settings)
     most = settings.causes.coarse if found.coarse else 1.0
     sure = {t: min(certain(standing=_stands(t, s)), most) for t, s in supports.items()}
     weak = doubts(supports, extras.rest, settings=settings)
@@ -93,7 +95,8 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     looked_at = candidates(of.rivalry, of.base, final, shared(sure, groups), of.left_out, every_doubt) if helps else ()
     if verdict == "effects" and not found.told and not _likely(causes, looked_at, groups):
         verdict = "partial"  # a gap that is small anyway confirms nothing
-    odd = one_run(of, found)
+    run = validated.odd
+    odd = None if run is None else run.document(of.raw.runs[run.run].name, of.raw.horizon)
     return Diagnosis(
         robot=of.space.robot.name,
         verdict=verdict,

@@ -1,14 +1,14 @@
 """The same runs over several horizons: what adds up slowly shows over seconds, not within one."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset, window_starts
 from residual_mpc.diagnosis.data.gap import Scales, gap_of, measure_scales
 from residual_mpc.diagnosis.data.hold_out import KeptBack
-from residual_mpc.diagnosis.data.left_out import unfit_spans, untold, without
+from residual_mpc.diagnosis.data.left_out import unfit, unfit_spans, untold, without
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
@@ -36,10 +36,18 @@ class HorizonWindows:
     held: np.ndarray
     free: "tuple[Dataset, Scales] | None"
 
+    def take(self, keep: np.ndarray) -> "HorizonWindows":
+        """The windows of `raw` where the mask (W,) is true."""
+        return replace(self, raw=self.raw.take(keep), clean=self.clean.take(keep), held=self.held[keep])
+
     @property
     def test(self) -> np.ndarray:
-        """(W,) bool: the windows that figures are printed for: those held out, all where there are none."""
-        return self.held if self.held.any() else np.ones(self.raw.count, dtype=bool)
+        """(W,) bool: the windows that figures are printed for: those held out; where there are none, all that tell
+        something of the robot."""
+        if self.held.any():
+            return self.held
+        fit = ~unfit(self.raw)
+        return fit if fit.any() else np.ones(self.raw.count, dtype=bool)
 
 
 def longer_horizons(runs: Sequence[Run], horizon: float, settings: PredictSettings) -> tuple[float, ...]:

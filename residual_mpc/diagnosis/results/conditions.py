@@ -10,7 +10,7 @@ from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.gaps import ExplanationGaps
-from residual_mpc.diagnosis.results.odd_run import odd_run
+from residual_mpc.diagnosis.results.odd_run import OddRun, odd_run
 from residual_mpc.diagnosis.results.one_encoder import encoder_notes
 from residual_mpc.diagnosis.results.records import Moved, Setup
 from residual_mpc.diagnosis.results.settings import ResultSettings
@@ -55,13 +55,12 @@ def moved(base: Fit, final: Fit) -> tuple[Moved, ...]:
     return tuple(Moved(k.parameter, base.values[k], final.values[k]) for k in base.knobs if k.effect == TUNE)
 
 
-def one_run(of: FittedExplanation, found: ExplanationGaps) -> dict[str, object] | None:
+def one_run(found: ExplanationGaps) -> OddRun | None:
     """The run that is unlike all others, where much is left; None where there is none."""
     if found.verdict[0] not in ("partial", "unknown"):
         return None
     error = found.errors["after" if found.helps else "before"]
-    odd = odd_run(per_window(of.raw, of.scales, error), of.raw.run)
-    return None if odd is None else odd.document(of.raw.runs[odd.run].name, of.raw.horizon)
+    return odd_run(per_window(found.of.raw, found.of.scales, error), found.of.raw.run)
 
 
 def notes(

@@ -1,7 +1,7 @@
 """An explanation as it stands before the held-out windows are opened."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -61,6 +61,12 @@ class FittedExplanation:
     tolerated: MarginalisedFit | None
     omitted: tuple[Values, ...]
     forms: Mapping[Term, str] = field(default_factory=dict)
+
+    def take(self, keep: np.ndarray) -> "FittedExplanation":
+        """Judged on the windows of `raw` where the mask (W,) is true."""
+        return replace(
+            self, raw=self.raw.take(keep), clean=self.clean.take(keep), held=self.held[keep], free=self.free[keep]
+        )
 
     @property
     def space(self) -> Space:

@@ -8,15 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from residual_mpc.logs.audit.facts import RobotFacts
+from residual_mpc.logs.audit.facts import RobotFacts, wheel_commands
 from residual_mpc.logs.columns import did_you_mean, group, is_measured, member
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.run import Run, held
 from residual_mpc.logs.signals import resolution
 
-FROZEN, FEWEST = 1.0, 20  # s and samples: the shortest stretch without a change that is reported
-FAR_LONGER = 5.0  # times the usual time between changes
-DRIVING = 0.2  # of a wheel's usual fastest command, above which it is told to turn
 FELL = 0.5  # rad, m: a servo with a constant command moves its joint by less than this, however it sags
 MISSPELT = 0.92  # similarity of two names (difflib) from which one is taken for the other with a typing mistake
 MOVED = 0.1  # rad, m: a position command that moves this far ought to move its joint
@@ -28,7 +25,7 @@ def check_channels(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
         *_absent_commands(runs, robot),
         *_strange_commands(runs, robot),
         *_channels(runs, robot),
-        *(finding for run in runs for finding in (*_stuck(run, robot), *_stuck_pose(run, robot), *_frozen(run, robot))),
+        *(finding for run in runs for finding in (*_stuck(run, robot), *_stuck_pose(run, robot))),
         *_never_sent(runs, robot),
         *_switched_off(runs),
     ]
@@ -217,7 +214,7 @@ def _stuck_pose(run: Run, robot: RobotFacts) -> list[Finding]:
     """Parts of the pose that report one value throughout while a robot on wheels turns and drives: on a straight line
     along an axis two of them may."""
     findings = []
-    wheels = _wheels(run, robot)
+    wheels = wheel_commands(run, robot)
     pose = {n: y[np.isfinite(y)] for n in run.measured if group(n) == "pose" for y in [run.columns[n]]}
     moves = {n for n, y in pose.items() if len(y) > 10 and np.ptp(y) > 0.0}
     turns = len(wheels) == 2 and bool(np.any(wheels[0] != wheels[1]))
@@ -229,40 +226,6 @@ def _stuck_pose(run: Run, robot: RobotFacts) -> list[Finding]:
             remedy = "remove the column if it was not measured"
             findings.append(Finding("warning", "stuck sensor", run.name, name, None, message, remedy))
     return findings
-
-
-def _frozen(run: Run, robot: RobotFacts) -> list[Finding]:
-    """A stretch in which nothing that is measured of a robot on wheels changes while it is told to drive, far longer
-    than its measurements usually repeat. (A servo may stick.)"""
-    names = [name for name in run.measured if name in robot.channels]
-    wheels = _wheels(run, robot)
-    if not any(group(n) == "pose" for n in names) or not wheels or len(run.t) < 2:
-        return []
-    sent = np.max(np.abs(wheels), axis=0)
-    driving = sent > DRIVING * float(np.quantile(sent, 0.9))
-    table = np.stack([run.columns[name] for name in names])
-    fresh = np.flatnonzero(~(table[:, 1:] == table[:, :-1]).all(axis=0))
-    usual = float(np.median(np.diff(run.t[fresh]))) if len(fresh) > 1 else 0.0
-    same = (table[:, 1:] == table[:, :-1]).all(axis=0)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
-    for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        lasting = float(run.t[end] - run.t[begin])
-        long = lasting >= max(FROZEN, FAR_LONGER * usual) and end - begin >= FEWEST
-        if long and driving[begin:end].mean() > 0.5:
-            message = (
-                f"nothing that is measured changes for {lasting:.3g} s from t = {run.t[begin]:.6g} s on, while the "
-                "wheels are told to turn"
-            )
-            remedy = "cut this stretch out if the recording stopped there; leave it if the robot stood still"
-            return [Finding("warning", "frozen", run.name, names[0], begin, message, remedy)]
-    return []
-
-
-def _wheels(run: Run, robot: RobotFacts) -> list[np.ndarray]:
-    """The commands (n,) of a robot's wheels, as they are held; none of any other robot, or where one is missing."""
-    names = [f"command.{a.name}" for a in robot.actuators if a.kind == "velocity"]
-    there = len(names) == len(robot.actuators) and set(names) <= set(run.columns)
-    return [held(run, name) for name in names] if there else []
 
 
 def _switched_off(runs: Sequence[Run]) -> list[Finding]:

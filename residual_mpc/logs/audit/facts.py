@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from residual_mpc.logs.run import FloatArray, Run, held
+
 CommandKind = Literal["position", "velocity", "torque"]
 
 
@@ -49,3 +51,10 @@ class RobotFacts:
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     clamps: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     wheel_radius: float | None = None
+
+
+def wheel_commands(run: Run, robot: RobotFacts) -> list[FloatArray]:
+    """The commands (n,) of a robot's wheels, as they are held; none of any other robot, or where one is missing."""
+    names = [f"command.{a.name}" for a in robot.actuators if a.kind == "velocity"]
+    there = len(names) == len(robot.actuators) and set(names) <= set(run.columns)
+    return [held(run, name) for name in names] if there else []

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.logs.audit.facts import ActuatorFacts, RobotFacts
-from residual_mpc.logs.audit.standing import PLANE, standing
+from residual_mpc.logs.audit.facts import ActuatorFacts, RobotFacts, wheel_commands
+from residual_mpc.logs.audit.pose_speed import PLANE
+from residual_mpc.logs.audit.standing import carried, standing
 from residual_mpc.logs.audit.steps import Step, steps_of
 from residual_mpc.logs.finding import Finding
-from residual_mpc.logs.run import FloatArray, Run, held
+from residual_mpc.logs.run import Run, held
 from residual_mpc.logs.signals import continuous
 
 RARE = 0.25  # share of the time of all runs up to which incidents of a kind are left out
@@ -50,8 +51,8 @@ def find_incidents(runs: Sequence[Run], robot: RobotFacts) -> list[Incident]:
     for k, run in enumerate(runs):
         steps = _steps(k, run, robot)
         frozen = [(i.first, i.last) for i in steps if i.kind == "frozen sensor"]
-        stands = _standing(k, run, robot)
-        out += [*steps, *(i for i in stands if not any(a < i.last and i.first < b for a, b in frozen))]
+        disobeys = _disobeying(k, run, robot)
+        out += [*steps, *(i for i in disobeys if not any(a < i.last and i.first < b for a, b in frozen))]
     return out
 
 
@@ -91,15 +92,10 @@ def _told(run: Run, servo: ActuatorFacts, step: Step) -> bool:
     return bool((np.abs(np.diff(sent)) > TOLD * abs(step.size)).any())
 
 
-def _standing(k: int, run: Run, robot: RobotFacts) -> list[Incident]:
-    return [Incident("standing", k, a, b, "pose") for a, b in standing(run, wheels_of(run, robot))]
-
-
-def wheels_of(run: Run, robot: RobotFacts) -> list[FloatArray]:
-    """The commands (n,) of a robot's wheels, as they are held; none of any other robot, or where one is missing."""
-    names = [f"command.{a.name}" for a in robot.actuators if a.kind == "velocity"]
-    there = len(names) == len(robot.actuators) and set(names) <= set(run.columns)
-    return [held(run, name) for name in names] if there else []
+def _disobeying(k: int, run: Run, robot: RobotFacts) -> list[Incident]:
+    wheels = wheel_commands(run, robot)
+    kinds = ("standing", standing(run, wheels)), ("carried", carried(run, wheels))
+    return [Incident(kind, k, a, b, "pose") for kind, found in kinds for a, b in found]
 
 
 def _by_kind(found: Sequence[Incident]) -> list[list[Incident]]:
@@ -123,6 +119,9 @@ def _finding(found: Sequence[Incident], runs: Sequence[Run]) -> Finding:
     if worst.kind == "standing":
         text = f"the robot stands still from t = {begin:.4g} to {end:.4g} s although it is told to drive"
         remedy = "log `enabled.*` where motors are switched off"
+    elif worst.kind == "carried":
+        text = f"the robot sets off from t = {begin:.4g} to {end:.4g} s although it is told to stand"
+        remedy = "cut out what was done by hand"
     elif worst.kind == "frozen sensor":
         text = f"{worst.column} freezes from t = {begin:.4g} to {end:.4g} s and then catches up"
         remedy = "look for lost messages of this sensor"
