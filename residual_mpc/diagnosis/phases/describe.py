@@ -76,7 +76,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     usual = validated.usual
     unexplained = judged_share(clearest(usual.looks)) if helps else share
     beats = beats_forecast(usual.looks[0], usual.constant_velocity)
-    judged = verdict if validated.odd is None else usual.verdict[0]
+    judged = verdict if validated.without is None else usual.verdict[0]
     certain = partial(most_sure, judged, unexplained, _times_floor(usual), beats, settings=settings)
     most = settings.causes.coarse if found.coarse else 1.0
     sure = {t: min(certain(standing=_stands(t, s)), most) for t, s in supports.items()}

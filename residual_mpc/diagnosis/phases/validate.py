@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.left_out import unfit
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.refine import Refined
 from residual_mpc.diagnosis.results.conditions import one_run
@@ -23,7 +25,8 @@ from residual_mpc.models.settings import Term
 class Validated:
     """gaps: those of the explanation, over every horizon, and whether it helps; achieved: the shrink on the held-out
     windows, None where nothing helps; supports: of each effect; varying: the effects whose size is not steady. odd: the
-    run that is unlike all others, if there is one, and without_odd: the gaps of the others."""
+    run that is unlike all others, if there is one. without: the gaps without this run and the incidents of the logs,
+    if there are any."""
 
     gaps: ExplanationGaps
     achieved: Shrink | None
@@ -31,12 +34,12 @@ class Validated:
     options: Options
     varying: Mapping[Term, Variation] = field(default_factory=dict)
     odd: OddRun | None = None
-    without_odd: ExplanationGaps | None = None
+    without: ExplanationGaps | None = None
 
     @property
     def usual(self) -> ExplanationGaps:
-        """What tells how sure the causes are: a run that is unlike all others says nothing of them."""
-        return self.gaps if self.without_odd is None else self.without_odd
+        """What tells how sure the causes are: neither an incident nor a run that is unlike all others does."""
+        return self.gaps if self.without is None else self.without
 
     @property
     def explanation(self) -> FittedExplanation:
@@ -66,13 +69,21 @@ def validate(refined: Refined, rng: np.random.Generator, progress: Progress) -> 
     odd = one_run(gaps)
     if not gaps.helps:
         return Validated(gaps, None, {}, options, odd=odd)
-    of, usual = gaps.of, None
-    if odd is not None:
-        longer = tuple(look.take(look.raw.run != odd.run) for look in longer)
-        others = refined.explanation.take(of.raw.run != odd.run)
-        usual = measure_gaps(others, longer, options.final_steps, rng, settings=settings)
+    of, without = gaps.of, None
+    keep = _usual(of.raw, odd)
+    if keep.any() and not keep.all():
+        rest = ((look, _usual(look.raw, odd)) for look in longer)
+        longer = tuple(look.take(mask) for look, mask in rest if mask.any())
+        usual = refined.explanation.take(keep)
+        without = measure_gaps(usual, longer, options.final_steps, rng, settings=settings)
     before, after = gaps.errors["before"], gaps.errors["after"]
     achieved = shrink_of(of.raw.take(of.test), of.scales, before[of.test], after[of.test], rng, settings=settings)
-    judged = gaps if usual is None else usual
+    judged = gaps if without is None else without
     supports = support_of(judged.of, longer, judged.looks, settings=settings)
-    return Validated(gaps, achieved, supports, options, variations(of, settings), odd, usual)
+    return Validated(gaps, achieved, supports, options, variations(judged.of, settings), odd, without)
+
+
+def _usual(data: Dataset, odd: OddRun | None) -> np.ndarray:
+    """(W,) bool: the windows across no incident, of runs that are like others."""
+    keep = ~unfit(data)
+    return keep if odd is None else keep & (data.run != odd.run)

@@ -86,10 +86,9 @@ def windows_over(
     try:
         raw = build_dataset(runs, robots, noise, horizon, whole, settings=settings.data)
         scales = measure_scales(raw)
-        lost = untold(raw)
-        if lost.all():
+        if unfit(raw).all():
             return None
-        raw = raw.take(~lost)
+        raw = raw.take(~untold(raw))
     except BadInput:  # said already, of the first horizon
         return None
     clean = with_outliers_removed(raw, flagged)
