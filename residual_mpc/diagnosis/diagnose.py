@@ -14,7 +14,8 @@ from residual_mpc.diagnosis.phases.early_answers import Told, first_look, unhear
 from residual_mpc.diagnosis.phases.laws import find_laws
 from residual_mpc.diagnosis.phases.prepare import DiagnosisInput, Prepared, prepare
 from residual_mpc.diagnosis.phases.refine import Refined, refine
-from residual_mpc.diagnosis.phases.search import search_effects, search_further
+from residual_mpc.diagnosis.phases.search import Searched, search_effects, search_further
+from residual_mpc.diagnosis.phases.set_aside import unlike_in_fits, without
 from residual_mpc.diagnosis.phases.validate import validate
 from residual_mpc.diagnosis.predict.longer_steps import longer_steps_of
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
@@ -59,9 +60,19 @@ def diagnose(
 
 
 def _refined(prepared: Prepared, keep: Keeper, rng: np.random.Generator, progress: Progress, told: Told) -> Refined:
-    """What the search found, fitted to the end. Where all windows show that the search is not finished, it goes on
-    once."""
-    searched = keep("search", lambda: search_effects(prepared, rng, progress, keep, told))
+    """What the search found, fitted to the end; once more without the stretches that turn out to be unlike everything
+    else."""
+    refined = _refined_once(keep("search", lambda: search_effects(prepared, rng, progress, keep, told)), rng, progress)
+    aside = unlike_in_fits(prepared, refined).stretches
+    if not aside:
+        return refined
+    progress("searching again without what is unlike the rest", 0.3)
+    again = _refined_once(search_effects(without(prepared, aside), rng, progress, told=told), rng, progress)
+    return replace(again, explanation=replace(again.explanation, aside=aside))
+
+
+def _refined_once(searched: Searched, rng: np.random.Generator, progress: Progress) -> Refined:
+    """Where all windows show that the search is not finished, it goes on once."""
     refined = refine(searched, rng, progress)
     first = refined.explanation
     again = search_further(searched, first, rng.spawn(1)[0], progress)

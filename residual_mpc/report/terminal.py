@@ -31,7 +31,9 @@ def diagnosis_lines(document: Document) -> list[str]:
         *servo_lines(document),
         *(group_sentence(group, document) for group in document.get("confounded") or []),
     ]
-    if document.get("odd_run"):
+    if document.get("unlike_the_rest"):
+        details.append(document["unlike_the_rest"]["note"])
+    elif document.get("odd_run"):
         details.append(document["odd_run"]["note"])
     if document.get("remainder"):
         details.append(rest_sentence(document["remainder"]))

@@ -33,11 +33,11 @@ def test_effects_that_make_a_longer_gap_larger_are_remarked(longer: Any, said: b
         left=first.after,
     )  # fmt: skip
     of: Any = SimpleNamespace(
-        doubtful=(), vetoed=(), untestable=(), held=np.ones(1, dtype=bool), raw=SimpleNamespace(skipped=0),
+        doubtful=(), vetoed=(), untestable=(), held=np.ones(1, dtype=bool), raw=SimpleNamespace(skipped=0, runs=()),
         with_outliers=False,
         outliers=SimpleNamespace(count=0), final=SimpleNamespace(knobs=(), held=(), terms=(), values={}),
     )  # fmt: skip
-    *remarks, _ = notes(of, found, None, ResultSettings())
+    *remarks, _ = notes(of, found, None, None, ResultSettings())
     assert len(remarks) == said
     if said:
         assert remarks[0].startswith("Over 15 s the named effects make the gap larger, 0.018 instead of 0.0085 (noise")

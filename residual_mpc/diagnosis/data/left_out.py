@@ -50,6 +50,16 @@ def without(data: Dataset, some: np.ndarray) -> Dataset:
     return data if some.all() else data.take(~some)
 
 
+def across(data: Dataset, stretches: Sequence[KeptBack]) -> np.ndarray:
+    """(W,) bool: the windows that share more than a moment with any of the stretches."""
+    out = np.zeros(data.count, dtype=bool)
+    for i in np.unique(data.run):
+        mine, name = data.run == i, data.runs[int(i)].name
+        spans = [(k.start, k.end) for k in stretches if k.run == name and k.start is not None and k.end is not None]
+        out[mine] = ~clear_of(spans, data.start[mine], data.horizon)
+    return out
+
+
 def without_unfit(data: Dataset, kept: Sequence[KeptBack]) -> tuple[KeptBack, ...]:
     """What is kept back, less the windows that no fit may see: a run or block with such windows is the blocks between
     them."""

@@ -95,7 +95,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     looked_at = candidates(of.rivalry, of.base, final, shared(sure, groups), of.left_out, every_doubt) if helps else ()
     if verdict == "effects" and not found.told and not _likely(causes, looked_at, groups):
         verdict = "partial"  # a gap that is small anyway confirms nothing
-    run = validated.odd
+    run, unlike = validated.odd, validated.unlike.document(of.raw.horizon)
     odd = None if run is None else run.document(of.raw.runs[run.run].name, of.raw.horizon)
     return Diagnosis(
         robot=of.space.robot.name,
@@ -121,13 +121,14 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
         outlier_share=of.outliers.share if of.with_outliers else 0.0,
         outlier_channels={c: s for c, s in of.outliers.shares.items() if s > 0} if of.with_outliers else {},
         odd_run=odd,
+        unlike=unlike,
         next_experiment=next_experiment(
             (*groups, *((a.instead_of, a.terms) for a in others if not a.confounded)),
             wheeled="left" in of.raw.blocks[0].robot.actuators,
             verdict=verdict,
         ),
         values=of.space.whole(final.values) if helps else of.base.values,
-        notes=notes(of, found, odd, settings=settings),
+        notes=notes(of, found, odd, unlike, settings=settings),
     )
 
 

@@ -6,15 +6,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
-from residual_mpc.diagnosis.data.left_out import unfit
+from residual_mpc.diagnosis.data.gap import per_window
+from residual_mpc.diagnosis.data.left_out import across, unfit
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.refine import Refined
 from residual_mpc.diagnosis.results.conditions import one_run
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.gaps import ExplanationGaps, measure_gaps
 from residual_mpc.diagnosis.results.odd_run import OddRun
+from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.shrink import Shrink, shrink_of
 from residual_mpc.diagnosis.results.support import Support, support_of
+from residual_mpc.diagnosis.results.unlike_the_rest import Unlike, joined_stretches, unlike_the_rest
 from residual_mpc.diagnosis.results.variation import variations
 from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.diagnosis.results.verdict import Verdict
@@ -25,8 +28,8 @@ from residual_mpc.models.settings import Term
 class Validated:
     """gaps: those of the explanation, over every horizon, and whether it helps; achieved: the shrink on the held-out
     windows, None where nothing helps; supports: of each effect; varying: the effects whose size is not steady. odd: the
-    run that is unlike all others, if there is one. without: the gaps without this run and the incidents of the logs,
-    if there are any."""
+    run that is unlike all others, if there is one; unlike: stretches that are unlike everything else. without: the gaps
+    without these and the incidents of the logs, if there are any."""
 
     gaps: ExplanationGaps
     achieved: Shrink | None
@@ -34,6 +37,7 @@ class Validated:
     options: Options
     varying: Mapping[Term, Variation] = field(default_factory=dict)
     odd: OddRun | None = None
+    unlike: Unlike = Unlike()
     without: ExplanationGaps | None = None
 
     @property
@@ -67,12 +71,13 @@ def validate(refined: Refined, rng: np.random.Generator, progress: Progress) -> 
     options, longer, settings = refined.options, refined.longer, refined.options.settings
     gaps = measure_gaps(refined.explanation, longer, options.final_steps, rng, settings=settings)
     odd = one_run(gaps)
+    unlike = _unlike(gaps, settings)
     if not gaps.helps:
-        return Validated(gaps, None, {}, options, odd=odd)
+        return Validated(gaps, None, {}, options, odd=odd, unlike=unlike)
     of, without = gaps.of, None
-    keep = _usual(of.raw, odd)
+    keep = _usual(of.raw, odd, unlike)
     if keep.any() and not keep.all():
-        rest = ((look, _usual(look.raw, odd)) for look in longer)
+        rest = ((look, _usual(look.raw, odd, unlike)) for look in longer)
         longer = tuple(look.take(mask) for look, mask in rest if mask.any())
         usual = refined.explanation.take(keep)
         without = measure_gaps(usual, longer, options.final_steps, rng, settings=settings)
@@ -80,10 +85,23 @@ def validate(refined: Refined, rng: np.random.Generator, progress: Progress) -> 
     achieved = shrink_of(of.raw.take(of.test), of.scales, before[of.test], after[of.test], rng, settings=settings)
     judged = gaps if without is None else without
     supports = support_of(judged.of, longer, judged.looks, settings=settings)
-    return Validated(gaps, achieved, supports, options, variations(judged.of, settings), odd, without)
+    return Validated(gaps, achieved, supports, options, variations(judged.of, settings), odd, unlike, without)
 
 
-def _usual(data: Dataset, odd: OddRun | None) -> np.ndarray:
-    """(W,) bool: the windows across no incident, of runs that are like others."""
-    keep = ~unfit(data)
+def _unlike(gaps: ExplanationGaps, settings: ResultSettings) -> Unlike:
+    """Stretches that are unlike everything else, with those that no fit has seen for that."""
+    of = gaps.of
+    left = np.sqrt(per_window(of.raw, of.scales, gaps.errors["after" if gaps.helps else "before"]))
+    found = unlike_the_rest(of.raw, left, settings.aside)
+    stretches = joined_stretches(of.aside, found.stretches)
+    there = across(of.raw, stretches)
+    if not there.any():
+        return Unlike()
+    return Unlike(stretches, float(np.nanmax(left[there])), float(np.nanmedian(left)))
+
+
+def _usual(data: Dataset, odd: OddRun | None, unlike: Unlike) -> np.ndarray:
+    """(W,) bool: the windows across no incident and no stretch that is unlike everything else, of runs that are like
+    others."""
+    keep = ~unfit(data) & ~across(data, unlike.stretches)
     return keep if odd is None else keep & (data.run != odd.run)

@@ -64,9 +64,14 @@ def one_run(found: ExplanationGaps) -> OddRun | None:
 
 
 def notes(
-    of: FittedExplanation, found: ExplanationGaps, odd: Mapping[str, object] | None, settings: ResultSettings
+    of: FittedExplanation,
+    found: ExplanationGaps,
+    odd: Mapping[str, object] | None,
+    unlike: Mapping[str, object] | None,
+    settings: ResultSettings,
 ) -> tuple[str, ...]:
-    """What a reader has to know before trusting the figures, a sentence each. odd: see `one_run`."""
+    """What a reader has to know before trusting the figures, a sentence each. odd, unlike: the documents of `OddRun`
+    and `Unlike`."""
     said = []
     first = found.looks[0]
     if found.useless:
@@ -103,8 +108,7 @@ def notes(
             "That is a fault of the log, not of the robot: controllers and exports leave it out. Log every command "
             "that is sent."
         )
-    if odd is not None:
-        said.append(str(odd["note"]))
+    said += [str(x["note"]) for x in (odd, unlike) if x is not None]
     if of.doubtful:
         said.append(
             f"{', '.join(map(str, of.doubtful))} improved the fit on the windows of the search, but on all windows the "

@@ -76,6 +76,7 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
         "learned": {"by": d.learned.by, "asked": list(d.learned.asked)},
         "remainder": None if d.rest is None else d.rest.document(),
         "odd_run": d.odd_run,
+        "unlike_the_rest": d.unlike,
         "next_experiment": d.next_experiment,
         "stages_of_gap": [{"terms": [_term(t) for t in s.effects], "gap": s.gap} for s in d.steps],
         "rivals": [{"terms": [_term(t) for t in r.effects], "probability": r.probability} for r in d.rivals],

@@ -38,7 +38,8 @@ class FittedExplanation:
     whether they would be if `sensor_outliers` were not excluded. vetoed: effects that the encoders contradict,
     doubtful: that cannot be told from none on all windows. expected: the shrink, None where nothing explains anything.
     tolerated: None where there are no small differences in other numbers; omitted: how the numbers move beside one of
-    these, and beside all optional numbers of their effects. forms: the shape of each fitted law."""
+    these, and beside all optional numbers of their effects. forms: the shape of each fitted law;
+    aside: stretches that are unlike everything else, which no fit has seen."""
 
     raw: Dataset
     clean: Dataset
@@ -61,6 +62,7 @@ class FittedExplanation:
     tolerated: MarginalisedFit | None
     omitted: tuple[Values, ...]
     forms: Mapping[Term, str] = field(default_factory=dict)
+    aside: tuple[KeptBack, ...] = ()
 
     def take(self, keep: np.ndarray) -> "FittedExplanation":
         """Judged on the windows of `raw` where the mask (W,) is true."""

@@ -185,6 +185,7 @@ class Diagnosis:
     outlier_share: float
     outlier_channels: dict[str, float]
     odd_run: dict[str, object] | None
+    unlike: dict[str, object] | None
     next_experiment: dict[str, object] | None
     values: Values
     notes: tuple[str, ...]

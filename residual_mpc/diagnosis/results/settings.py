@@ -130,6 +130,27 @@ class VariationSettings:
 
 
 @dataclass(frozen=True)
+class AsideSettings:
+    """Stretches that are unlike everything else: of at least `fewest` windows that fits may see, those whose scaled
+    error is more than `unlike` times the quantile `usual` of all, and more than `least`; if they are at most the share
+    `most` of the windows, in at most so many `stretches`, with up to `apart` others between
+    two windows of one, and make at least the `share` of all squared errors."""
+
+    fewest: int = 20
+    usual: float = 0.75
+    unlike: float = 6.0
+    least: float = 0.05
+    most: float = 0.1
+    stretches: int = 3
+    apart: int = 3
+    share: float = 0.6
+
+    def __post_init__(self) -> None:
+        check_positive(self, "fewest", "unlike", "least", "stretches", "apart")
+        check_share(self, "usual", "most", "share")
+
+
+@dataclass(frozen=True)
 class ResultSettings:
     """closest: rivals outside the groups whose values are kept; bootstrap: draws of the shrink's interval;
     full_subsets: of the effects, from which on there are fewer windows for each in the stages' shares."""
@@ -140,6 +161,7 @@ class ResultSettings:
     support: SupportSettings = field(default_factory=SupportSettings)
     laws: LawSettings = field(default_factory=LawSettings)
     variation: VariationSettings = field(default_factory=VariationSettings)
+    aside: AsideSettings = field(default_factory=AsideSettings)
     closest: int = 3
     bootstrap: int = 2000
     full_subsets: int = 32

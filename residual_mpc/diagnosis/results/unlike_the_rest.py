@@ -1,0 +1,81 @@
+"""Stretches that are unlike everything else: a motor that is off for seconds, a push, a collision."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.hold_out import KeptBack
+from residual_mpc.diagnosis.results.settings import AsideSettings
+
+
+@dataclass(frozen=True)
+class Unlike:
+    """stretches: which; gap: of their worst window; usual: of the median window."""
+
+    stretches: tuple[KeptBack, ...] = ()
+    gap: float = 0.0
+    usual: float = 0.0
+
+    def document(self, horizon: float) -> dict[str, object] | None:
+        """What diagnosis.json says of it. horizon: of the gaps, s."""
+        if not self.stretches:
+            return None
+        where = ", ".join(f"{k.run} from {k.start:.4g} to {k.end:.4g} s" for k in self.stretches)
+        one = len(self.stretches) == 1
+        return {
+            "stretches": [k.document() for k in self.stretches],
+            "gap": self.gap,
+            "usual": self.usual,
+            "note": f"{where} {'is' if one else 'are'} unlike everything else (a gap of {self.gap:.2g} over "
+            f"{horizon:g} s against {self.usual:.2g} in the median window): look at what happened there. The causes "
+            f"and their probabilities are those of all else; the gap counts {'it' if one else 'them'}.",
+        }
+
+
+def unlike_the_rest(data: Dataset, gaps: np.ndarray, settings: AsideSettings) -> Unlike:
+    """Where the windows' own gaps (W,) are by far larger than anywhere else, if that is in few and short stretches, and
+    most of what is left is there; NaN: a window with nothing to compare."""
+    seen = np.nan_to_num(gaps)
+    if data.count < settings.fewest:
+        return Unlike()
+    odd = seen > max(settings.unlike * float(np.quantile(seen, settings.usual)), settings.least)
+    if not odd.any() or odd.mean() > settings.most or np.sum(seen[odd] ** 2) < settings.share * np.sum(seen**2):
+        return Unlike()
+    stretches = _stretches(data, np.flatnonzero(odd), settings.apart)
+    if len(stretches) > settings.stretches:
+        return Unlike()
+    return Unlike(stretches, float(seen.max()), float(np.median(seen)))
+
+
+def _stretches(data: Dataset, windows: np.ndarray, apart: int) -> tuple[KeptBack, ...]:
+    """The stretches that these windows make, with the `apart` windows or fewer that lie between two of them."""
+    out: list[KeptBack] = []
+    for w in sorted(windows, key=lambda w: (data.run[w], data.start[w])):
+        name, begin = data.runs[int(data.run[w])].name, float(data.start[w])
+        last = out[-1] if out else None
+        if last is not None and last.run == name and begin < _end(last) + (apart + 0.5) * data.horizon:
+            out[-1] = replace(last, end=begin + data.horizon)
+        else:
+            out.append(KeptBack(name, begin, begin + data.horizon))
+    return tuple(out)
+
+
+def joined_stretches(first: Sequence[KeptBack], second: Sequence[KeptBack]) -> tuple[KeptBack, ...]:
+    """Both, those that meet as one."""
+    out: list[KeptBack] = []
+    for k in sorted([*first, *second], key=lambda k: (k.run, _begin(k))):
+        if out and out[-1].run == k.run and _begin(k) <= _end(out[-1]) + 1e-6:
+            out[-1] = replace(out[-1], end=max(_end(out[-1]), _end(k)))
+        else:
+            out.append(k)
+    return tuple(out)
+
+
+def _begin(k: KeptBack) -> float:
+    return -np.inf if k.start is None else k.start
+
+
+def _end(k: KeptBack) -> float:
+    return np.inf if k.end is None else k.end
