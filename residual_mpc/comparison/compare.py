@@ -1,11 +1,12 @@
 """The whole comparison: cut both sets into windows, account for the robot, look for changes, and judge them."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from residual_mpc.comparison.account import account_of
+from residual_mpc.comparison.aside import aside_note, unlike_in_sets, without_unlike
 from residual_mpc.comparison.common_effects import with_common_effects
 from residual_mpc.comparison.conditions import driven_differently
 from residual_mpc.comparison.named import named_changes, other_candidates, plain
@@ -53,36 +54,61 @@ def compare(
     Raises BadInput where one of the sets cannot be compared.
     """
     with threadpool_limits(1, "blas"):
-        progress("splitting the runs into windows", 0.02)
-        sets = cut_sets(given, settings)
-        progress("accounting for the robot", 0.05)
-        account = account_of(
-            given.before, given.robots[: len(given.before)], given.noise, given.tunable, given.options,
-            settings.account, rng, lambda stage, done: progress(stage, 0.05 + 0.45 * done),
-        )  # fmt: skip
-        space = space_for(given, sets)
-        progress("searching for changes", 0.5)
-        searched = None
-        windows = windows_for(given, sets, rng, settings)
-        for data, scales in windows:
-            values = account if searched is None else searched.found.fit.values
-            exact = problem_on(data, scales, space, values, settings.search.steps, settings)
-            problem = on_longer_steps(exact, scales, values, settings=settings.results.predict)
-            units = units_for(problem.data, sets, given, settings)
-            start = None if searched is None else searched.found
-            if start is None:
-                account = with_common_effects(problem, account, units, settings)
-            searched = Searched(search_changes(problem, account, units, settings, start), problem, units)
-        assert searched is not None
-        whole = _on_all_windows(given, sets, windows[0], account, searched, settings)
-        if whole.found.changes != searched.found.changes:
-            searched = searched.with_changes_of(whole.found, settings)
-        progress("comparing with alternative changes", 0.7)
-        rivals = find_change_rivals(searched.problem, searched.found, searched.units, settings)
-        progress("fitting on all windows", 0.8)
-        jumping = _outliers(given, sets, settings)
-        settled = settle(given, sets, windows[0], whole, rivals, bool(jumping), rng, settings)
-        return _judged(given, sets, settled, (searched, whole), jumping, settings)
+        found = _compared(given, settings, rng, progress)
+        space = found.settled.problem.space
+        assert isinstance(space, ChangeSpace)
+        unlike = unlike_in_sets(found.sets, space, found.settled.fit.values, settings.results.aside)
+        if unlike.stretches:
+            progress("comparing again without what is unlike the rest", 0.05)
+            found = _compared(without_unlike(given, unlike), settings, rng, progress)
+        whole = _judged(given, found, settings)
+        return replace(whole, notes=(*whole.notes, *aside_note(given, unlike)))
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """searches: of the changes, and on all windows; jumping: the change of the share of outliers."""
+
+    sets: TwoSets
+    settled: Settled
+    searches: tuple[Searched, Searched]
+    jumping: tuple[Change, ...]
+
+
+def _compared(
+    given: ComparisonInput, settings: ComparisonSettings, rng: np.random.Generator, progress: Progress
+) -> Compared:
+    """Everything but the judgement."""
+    progress("splitting the runs into windows", 0.02)
+    sets = cut_sets(given, settings)
+    progress("accounting for the robot", 0.05)
+    account = account_of(
+        given.before, given.robots[: len(given.before)], given.noise, given.tunable, given.options,
+        settings.account, rng, lambda stage, done: progress(stage, 0.05 + 0.45 * done),
+    )  # fmt: skip
+    space = space_for(given, sets)
+    progress("searching for changes", 0.5)
+    searched = None
+    windows = windows_for(given, sets, rng, settings)
+    for data, scales in windows:
+        values = account if searched is None else searched.found.fit.values
+        exact = problem_on(data, scales, space, values, settings.search.steps, settings)
+        problem = on_longer_steps(exact, scales, values, settings=settings.results.predict)
+        units = units_for(problem.data, sets, given, settings)
+        start = None if searched is None else searched.found
+        if start is None:
+            account = with_common_effects(problem, account, units, settings)
+        searched = Searched(search_changes(problem, account, units, settings, start), problem, units)
+    assert searched is not None
+    whole = _on_all_windows(given, sets, windows[0], account, searched, settings)
+    if whole.found.changes != searched.found.changes:
+        searched = searched.with_changes_of(whole.found, settings)
+    progress("comparing with alternative changes", 0.7)
+    rivals = find_change_rivals(searched.problem, searched.found, searched.units, settings)
+    progress("fitting on all windows", 0.8)
+    jumping = _outliers(given, sets, settings)
+    settled = settle(given, sets, windows[0], whole, rivals, bool(jumping), rng, settings)
+    return Compared(sets, settled, (searched, whole), jumping)
 
 
 def _on_all_windows(
@@ -108,17 +134,10 @@ def _on_all_windows(
     return Searched(search_changes(whole, account, units, settings, found, choice), whole, units)
 
 
-def _judged(
-    given: ComparisonInput,
-    sets: TwoSets,
-    settled: Settled,
-    searches: tuple[Searched, Searched],
-    jumping: tuple[Change, ...],
-    settings: ComparisonSettings,
-) -> Comparison:
-    """The verdict and the whole answer. searches: of the changes, and on all windows; jumping: the change of the share
-    of outliers."""
-    searched, last = searches
+def _judged(given: ComparisonInput, compared: Compared, settings: ComparisonSettings) -> Comparison:
+    """The verdict and the whole answer."""
+    sets, settled, jumping = compared.sets, compared.settled, compared.jumping
+    searched, last = compared.searches
     whole, units, fit, left = settled.problem, settled.units, settled.fit, settled.left
     rivals, gap, space, fits = settled.rivals, settled.gap, settled.problem.space, settings.results.fit
     assert isinstance(space, ChangeSpace)

@@ -18,19 +18,26 @@ class Unlike:
     gap: float = 0.0
     usual: float = 0.0
 
+    def sentence(self, horizon: float) -> str:
+        """Which stretches are unlike the rest, and by how much. horizon: of the gaps, s."""
+        where = ", ".join(f"{k.run} from {k.start:.4g} to {k.end:.4g} s" for k in self.stretches)
+        verb = "is" if len(self.stretches) == 1 else "are"
+        return (
+            f"{where} {verb} unlike everything else (a gap of {self.gap:.2g} over {horizon:g} s against "
+            f"{self.usual:.2g} in the median window)"
+        )
+
     def document(self, horizon: float) -> dict[str, object] | None:
-        """What diagnosis.json says of it. horizon: of the gaps, s."""
+        """What diagnosis.json says of it."""
         if not self.stretches:
             return None
-        where = ", ".join(f"{k.run} from {k.start:.4g} to {k.end:.4g} s" for k in self.stretches)
-        one = len(self.stretches) == 1
+        counted = "it" if len(self.stretches) == 1 else "them"
         return {
             "stretches": [k.document() for k in self.stretches],
             "gap": self.gap,
             "usual": self.usual,
-            "note": f"{where} {'is' if one else 'are'} unlike everything else (a gap of {self.gap:.2g} over "
-            f"{horizon:g} s against {self.usual:.2g} in the median window): look at what happened there. The causes "
-            f"and their probabilities are those of all else; the gap counts {'it' if one else 'them'}.",
+            "note": f"{self.sentence(horizon)}: look at what happened there. The causes and their probabilities are "
+            f"those of all else; the gap counts {counted}.",
         }
 
 

@@ -1,0 +1,45 @@
+"""Stretches of either set that are unlike everything else, such as a push or a wet spot: they are no change."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from residual_mpc.comparison.prepare import ComparisonInput
+from residual_mpc.comparison.sets import TwoSets
+from residual_mpc.comparison.space import ChangeSpace
+from residual_mpc.diagnosis.data.gap import per_window
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.results.settings import AsideSettings
+from residual_mpc.diagnosis.results.unlike_the_rest import Unlike, unlike_the_rest
+from residual_mpc.logs.run import Run
+from residual_mpc.models.settings import Values
+
+
+def unlike_in_sets(sets: TwoSets, space: ChangeSpace, values: Values, settings: AsideSettings) -> Unlike:
+    """Where these values miss the motion by far more than anywhere else; a stretch's run is its index in `sets`, since
+    runs of the two sets may have the same name."""
+    data = sets.clean
+    error = data.y - predict(data, space.settings([values]))[0]
+    numbered = replace(data, runs=tuple(replace(run, name=str(k)) for k, run in enumerate(data.runs)))
+    return unlike_the_rest(numbered, np.sqrt(per_window(data, sets.scales, error)), settings)
+
+
+def without_unlike(given: ComparisonInput, unlike: Unlike) -> ComparisonInput:
+    """The runs with these stretches as incidents, which nothing sees."""
+    runs = [_less(run, k, unlike) for k, run in enumerate((*given.before, *given.after))]
+    return replace(given, before=tuple(runs[: len(given.before)]), after=tuple(runs[len(given.before) :]))
+
+
+def aside_note(given: ComparisonInput, unlike: Unlike) -> tuple[str, ...]:
+    """What a reader has to know of it."""
+    if not unlike.stretches:
+        return ()
+    names = [run.name for run in (*given.before, *given.after)]
+    named = replace(unlike, stretches=tuple(replace(k, run=names[int(k.run)]) for k in unlike.stretches))
+    return (f"{named.sentence(given.options.horizon)}: left out, look at what happened there",)
+
+
+def _less(run: Run, index: int, unlike: Unlike) -> Run:
+    mine = [k for k in unlike.stretches if k.run == str(index)]
+    new = [(k.start, k.end) for k in mine if k.start is not None and k.end is not None]
+    return replace(run, incidents=tuple(sorted([*run.incidents, *new]))) if new else run
