@@ -16,30 +16,26 @@ from residual_mpc.models.settings import Values
 
 
 def unlike_in_sets(sets: TwoSets, space: ChangeSpace, values: Values, settings: AsideSettings) -> Unlike:
-    """Where these values miss the motion by far more than anywhere else; a stretch's run is its index in `sets`, since
-    runs of the two sets may have the same name."""
+    """Where these values miss the motion by far more than anywhere else."""
     data = sets.clean
     error = data.y - predict(data, space.settings([values]))[0]
-    numbered = replace(data, runs=tuple(replace(run, name=str(k)) for k, run in enumerate(data.runs)))
-    return unlike_the_rest(numbered, np.sqrt(per_window(data, sets.scales, error)), settings)
+    return unlike_the_rest(data, np.sqrt(per_window(data, sets.scales, error)), settings)
 
 
 def without_unlike(given: ComparisonInput, unlike: Unlike) -> ComparisonInput:
     """The runs with these stretches as incidents, which nothing sees."""
-    runs = [_less(run, k, unlike) for k, run in enumerate((*given.before, *given.after))]
-    return replace(given, before=tuple(runs[: len(given.before)]), after=tuple(runs[len(given.before) :]))
+    before, after = (tuple(_less(run, unlike) for run in runs) for runs in (given.before, given.after))
+    return replace(given, before=before, after=after)
 
 
-def aside_note(given: ComparisonInput, unlike: Unlike) -> tuple[str, ...]:
-    """What a reader has to know of it."""
+def aside_note(unlike: Unlike, horizon: float) -> tuple[str, ...]:
+    """What a reader has to know of it. horizon: of the gaps, s."""
     if not unlike.stretches:
         return ()
-    names = [run.name for run in (*given.before, *given.after)]
-    named = replace(unlike, stretches=tuple(replace(k, run=names[int(k.run)]) for k in unlike.stretches))
-    return (f"{named.sentence(given.options.horizon)}: left out, look at what happened there",)
+    return (f"{unlike.sentence(horizon)}: left out, look at what happened there",)
 
 
-def _less(run: Run, index: int, unlike: Unlike) -> Run:
-    mine = [k for k in unlike.stretches if k.run == str(index)]
+def _less(run: Run, unlike: Unlike) -> Run:
+    mine = [k for k in unlike.stretches if k.run == run.name]
     new = [(k.start, k.end) for k in mine if k.start is not None and k.end is not None]
     return replace(run, incidents=tuple(sorted([*run.incidents, *new]))) if new else run

@@ -62,7 +62,7 @@ def compare(
             progress("comparing again without what is unlike the rest", 0.05)
             found = _compared(without_unlike(given, unlike), settings, rng, progress)
         whole = _judged(given, found, settings)
-        return replace(whole, notes=(*whole.notes, *aside_note(given, unlike)))
+        return replace(whole, notes=(*whole.notes, *aside_note(unlike, given.options.horizon)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,98 @@
+"""Stretches that are unlike everything else: found in few and short stretches, searched without, counted, named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles.rover_log import ROBOT, SIGMA, rover_run, write_run
+
+import residual_mpc as rm
+from plants.diff_drive import DiffDrive
+from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
+from residual_mpc.diagnosis.data.hold_out import KeptBack
+from residual_mpc.diagnosis.data.left_out import across
+from residual_mpc.diagnosis.results.settings import AsideSettings
+from residual_mpc.diagnosis.results.unlike_the_rest import Unlike, joined_stretches, unlike_the_rest
+from residual_mpc.logs.run import Run
+from residual_mpc.report.terminal import diagnosis_lines
+
+ROVER = DiffDrive("rover", 0.033, 0.16)
+SETTINGS = AsideSettings()
+
+
+@pytest.fixture(scope="module")
+def data() -> Dataset:
+    """60 windows of three runs."""
+    return build_dataset([rover_run(f"r{k}", {}, 20.0, seed=k) for k in range(3)], [ROVER] * 3, SIGMA)
+
+
+def gaps(data: Dataset, size: float, *odd: tuple[str, float]) -> np.ndarray:
+    """(W,) usual gaps of about 0.03, and `size` in the windows that begin in these runs at these times."""
+    out = np.asarray(0.03 * np.sqrt(np.random.default_rng(0).chisquare(5.0, data.count) / 5.0))
+    for run, begin in odd:
+        names = np.array([data.runs[i].name for i in data.run])
+        out[(names == run) & (np.abs(data.start - begin) < 0.5)] = size
+    return out
+
+
+def test_one_stretch_with_its_gap(data: Dataset) -> None:
+    found = unlike_the_rest(data, gaps(data, 0.9, ("r1", 7.0), ("r1", 8.0), ("r1", 10.0)), SETTINGS)
+    assert [(k.run, k.start, k.end) for k in found.stretches] == [("r1", pytest.approx(7.0), pytest.approx(11.0))]
+    assert found.gap == pytest.approx(0.9) and 0.02 < found.usual < 0.04
+    document = found.document(1.0)
+    assert document is not None and str(document["note"]).startswith("r1 from 7 to 11 s is unlike everything else")
+    assert Unlike().document(1.0) is None
+
+
+@pytest.mark.parametrize(
+    ("size", "odd"),
+    [
+        (0.1, [("r1", 7.0)]),  # not by far
+        (0.9, [("r0", 2.0), ("r0", 9.0), ("r1", 7.0), ("r2", 3.0)]),  # in many places: this is how the robot is
+        (0.9, [("r1", float(k)) for k in range(3, 12)]),  # not short
+        (0.9, []),
+    ],
+)
+def test_what_is_no_such_stretch(data: Dataset, size: float, odd: list[tuple[str, float]]) -> None:
+    assert unlike_the_rest(data, gaps(data, size, *odd), SETTINGS) == Unlike()
+
+
+def test_few_windows_tell_nothing(data: Dataset) -> None:
+    few = data.take(np.arange(data.count) < 15)
+    assert unlike_the_rest(few, gaps(few, 0.9, ("r0", 7.0)), SETTINGS) == Unlike()
+
+
+def test_stretches_that_meet_are_one() -> None:
+    a, b, c = KeptBack("r0", 1.0, 3.0), KeptBack("r0", 2.0, 4.0), KeptBack("r1", 1.0, 2.0)
+    assert joined_stretches((a, c), (b,)) == (KeptBack("r0", 1.0, 4.0), c)
+
+
+def pushed(run: Run, begin: float) -> Run:
+    """For 1.5 s the robot does something else than its log says."""
+    amid = (run.t >= begin) & (run.t < begin + 1.5)
+    left = np.where(amid, run.columns["command.left"] - 6.0, run.columns["command.left"])
+    right = np.where(amid, run.columns["command.right"] + 6.0, run.columns["command.right"])
+    return replace(run, columns={**run.columns, "command.left": left, "command.right": right})
+
+
+def test_a_diagnosis_finds_the_cause_of_all_else_and_names_the_stretch(tmp_path: Path) -> None:
+    (tmp_path / "robot.toml").write_text(ROBOT)
+    for k in range(5):
+        run = rover_run(f"run{k}", {"track_width": {"scale": 1.1}, "wheel_radius": {"scale": 0.95}}, 16.0, seed=k)
+        write_run(pushed(run, 7.0) if k == 2 else run, tmp_path)
+    robot = rm.load_robot(tmp_path / "robot.toml")
+    found = rm.diagnose(robot, rm.read_runs(robot, sorted(tmp_path.glob("run*.csv")))).document
+    (stretch,) = found["unlike_the_rest"]["stretches"]
+    assert stretch["run"] == "run2" and stretch["from"] <= 7.0 and 8.0 <= stretch["to"] <= 10.0
+    assert found["unlike_the_rest"]["note"] in found["notes"]
+    assert any("unlike everything else" in line for line in diagnosis_lines(found))
+    track = next(e for e in found["explanation"] if e["effect"] == "track_width")
+    low, high = track["parameters"]["scale"]["ci95"]
+    assert low < 1.1 < high < 1.15 and track["probability"] > 0.9
+
+
+def test_fits_see_no_such_stretch(data: Dataset) -> None:
+    assert data.start[across(data, (KeptBack("r1", 7.0, 9.0),))].tolist() == pytest.approx([7.0, 8.0])
