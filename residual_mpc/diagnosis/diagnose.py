@@ -61,14 +61,17 @@ def diagnose(
 
 def _refined(prepared: Prepared, keep: Keeper, rng: np.random.Generator, progress: Progress, told: Told) -> Refined:
     """What the search found, fitted to the end; once more without the stretches that turn out to be unlike everything
-    else."""
+    else, unless that only takes away what served them."""
     refined = _refined_once(keep("search", lambda: search_effects(prepared, rng, progress, keep, told)), rng, progress)
-    aside = unlike_in_fits(prepared, refined).stretches
+    aside, serving = unlike_in_fits(prepared, refined)
     if not aside:
         return refined
     progress("searching again without what is unlike the rest", 0.3)
     again = _refined_once(search_effects(without(prepared, aside), rng, progress, told=told), rng, progress)
-    return replace(again, explanation=replace(again.explanation, aside=aside))
+    terms, now = set(refined.explanation.final.terms), set(again.explanation.final.terms)
+    if serving and terms - set(serving) == now:
+        return refined  # what serves one stretch alone has not distorted the rest
+    return replace(again, explanation=replace(again.explanation, aside=aside, serving=serving))
 
 
 def _refined_once(searched: Searched, rng: np.random.Generator, progress: Progress) -> Refined:

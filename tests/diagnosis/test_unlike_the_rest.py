@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from oracles.rover_euler import simulate
 from oracles.rover_log import ROBOT, SIGMA, rover_run, write_run
 
 import residual_mpc as rm
@@ -17,6 +18,7 @@ from residual_mpc.diagnosis.data.left_out import across
 from residual_mpc.diagnosis.results.settings import AsideSettings
 from residual_mpc.diagnosis.results.unlike_the_rest import Unlike, joined_stretches, unlike_the_rest
 from residual_mpc.logs.run import Run
+from residual_mpc.models.settings import Term
 from residual_mpc.report.terminal import diagnosis_lines
 
 ROVER = DiffDrive("rover", 0.033, 0.16)
@@ -96,3 +98,38 @@ def test_a_diagnosis_finds_the_cause_of_all_else_and_names_the_stretch(tmp_path:
 
 def test_fits_see_no_such_stretch(data: Dataset) -> None:
     assert data.start[across(data, (KeptBack("r1", 7.0, 9.0),))].tolist() == pytest.approx([7.0, 8.0])
+
+
+def limited(name: str, seed: int, fast: bool) -> Run:
+    """A rover on a wider track whose wheels turn at 7 rad/s at most; only the fast run asks for more, for 1.2 s."""
+    t = np.arange(0.0, 16.0, 0.05)
+    rng = np.random.default_rng(seed)
+    frequency, phase = rng.uniform(0.15, 0.7, (3, 2)), rng.uniform(0, 6.28, (3, 2))
+    u = 1.9 * np.sin(2 * np.pi * frequency * t[:, None, None] + phase).sum(axis=1)
+    u[(t >= 7.0) & (t < 8.2)] += 12.0 * fast * np.array([1.0, 0.6])
+
+    def command(time: float) -> tuple[float, float]:
+        row = u[min(int(time / 0.05 + 1e-6), len(u) - 1)]
+        return float(row[0]), float(row[1])
+
+    faults = {"track_width": {"scale": 1.1}, "saturation": {"limit": 7.0}}
+    pose = simulate(command, t, faults, fine=5e-4) + rng.standard_normal((len(t), 3)) * np.array(list(SIGMA.values()))
+    columns = {"command.left": u[:, 0], "command.right": u[:, 1]}
+    return Run(name, t, {**columns, **{c: pose[:, k] for k, c in enumerate(SIGMA)}})
+
+
+def test_an_effect_that_serves_one_stretch_alone_stays_if_the_rest_is_the_same_without_it(tmp_path: Path) -> None:
+    (tmp_path / "robot.toml").write_text(ROBOT)
+    for k in range(5):
+        write_run(limited(f"run{k}", k, k == 2), tmp_path)
+    robot = rm.load_robot(tmp_path / "robot.toml")
+    found = rm.diagnose(robot, rm.read_runs(robot, sorted(tmp_path.glob("run*.csv")))).document
+    assert {e["effect"] for e in found["explanation"]} == {"track_width", "saturation"}
+    assert found["unlike_the_rest"] is None
+
+
+def test_what_would_explain_a_stretch_and_nothing_else_is_told() -> None:
+    found = Unlike((KeptBack("r1", 7.0, 9.0),), 0.9, 0.03, (Term("end_stop", "elbow"),))
+    document = found.document(1.0)
+    assert document is not None
+    assert str(document["note"]).endswith("the gap counts it. end_stop [elbow] would explain it, and nothing else.")

@@ -12,15 +12,24 @@ from residual_mpc.diagnosis.data.left_out import across
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.phases.refine import Refined
 from residual_mpc.diagnosis.predict.replay import predict
-from residual_mpc.diagnosis.results.unlike_the_rest import Unlike, unlike_the_rest
+from residual_mpc.diagnosis.results.unlike_the_rest import joined_stretches, unlike_the_rest
+from residual_mpc.models.settings import Term
 
 
-def unlike_in_fits(prepared: Prepared, refined: Refined) -> Unlike:
-    """Stretches of the windows that fits have seen which the explanation misses by far more than all others."""
-    of = refined.explanation
-    data = prepared.clean.take(prepared.free)
-    error = data.y - predict(data, of.space.settings([of.final.values]))[0]
-    return unlike_the_rest(data, np.sqrt(per_window(data, prepared.scales, error)), prepared.options.settings.aside)
+def unlike_in_fits(prepared: Prepared, refined: Refined) -> tuple[tuple[KeptBack, ...], tuple[Term, ...]]:
+    """Stretches of the windows that fits have seen which the explanation misses by far more than all others, or would
+    miss without an effect that serves nothing else, such as a stop for a table that was hit once; and these effects."""
+    of, settings = refined.explanation, prepared.options.settings.aside
+    data, values = prepared.clean.take(prepared.free), of.final.values
+    rows = of.space.settings([values, *({k: v for k, v in values.items() if k.term != t} for t in of.final.terms)])
+    whole, *less = (
+        unlike_the_rest(data, np.sqrt(per_window(data, prepared.scales, data.y - y)), settings).stretches
+        for y in predict(data, rows)
+    )
+    serving = [(t, found) for t, found in zip(of.final.terms, less, strict=True) if len(found) == 1 and found != whole]
+    for _, found in serving:
+        whole = joined_stretches(whole, found)
+    return whole, tuple(t for t, _ in serving)
 
 
 def without(prepared: Prepared, aside: Sequence[KeptBack]) -> Prepared:

@@ -97,7 +97,7 @@ def _unlike(gaps: ExplanationGaps, settings: ResultSettings) -> Unlike:
     there = across(of.raw, stretches)
     if not there.any():
         return Unlike()
-    return Unlike(stretches, float(np.nanmax(left[there])), float(np.nanmedian(left)))
+    return Unlike(stretches, float(np.nanmax(left[there])), float(np.nanmedian(left)), of.serving)
 
 
 def _usual(data: Dataset, odd: OddRun | None, unlike: Unlike) -> np.ndarray:

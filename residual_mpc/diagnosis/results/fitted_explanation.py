@@ -39,7 +39,8 @@ class FittedExplanation:
     doubtful: that cannot be told from none on all windows. expected: the shrink, None where nothing explains anything.
     tolerated: None where there are no small differences in other numbers; omitted: how the numbers move beside one of
     these, and beside all optional numbers of their effects. forms: the shape of each fitted law;
-    aside: stretches that are unlike everything else, which no fit has seen."""
+    aside: stretches that are unlike everything else, which no fit has seen; serving: effects that would explain
+    them."""
 
     raw: Dataset
     clean: Dataset
@@ -63,6 +64,7 @@ class FittedExplanation:
     omitted: tuple[Values, ...]
     forms: Mapping[Term, str] = field(default_factory=dict)
     aside: tuple[KeptBack, ...] = ()
+    serving: tuple[Term, ...] = ()
 
     def take(self, keep: np.ndarray) -> "FittedExplanation":
         """Judged on the windows of `raw` where the mask (W,) is true."""

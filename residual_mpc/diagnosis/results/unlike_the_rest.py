@@ -8,15 +8,18 @@ import numpy as np
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.results.settings import AsideSettings
+from residual_mpc.models.settings import Term
 
 
 @dataclass(frozen=True)
 class Unlike:
-    """stretches: which; gap: of their worst window; usual: of the median window."""
+    """stretches: which; gap: of their worst window; usual: of the median window; serving: effects that would explain
+    some of them, and nothing else."""
 
     stretches: tuple[KeptBack, ...] = ()
     gap: float = 0.0
     usual: float = 0.0
+    serving: tuple[Term, ...] = ()
 
     def sentence(self, horizon: float) -> str:
         """Which stretches are unlike the rest, and by how much. horizon: of the gaps, s."""
@@ -32,12 +35,13 @@ class Unlike:
         if not self.stretches:
             return None
         counted = "it" if len(self.stretches) == 1 else "them"
+        by = f" {', '.join(map(str, self.serving))} would explain {counted}, and nothing else." if self.serving else ""
         return {
             "stretches": [k.document() for k in self.stretches],
             "gap": self.gap,
             "usual": self.usual,
             "note": f"{self.sentence(horizon)}: look at what happened there. The causes and their probabilities are "
-            f"those of all else; the gap counts {counted}.",
+            f"those of all else; the gap counts {counted}.{by}",
         }
 
 
