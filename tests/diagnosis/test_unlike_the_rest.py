@@ -62,6 +62,14 @@ def test_what_is_no_such_stretch(data: Dataset, size: float, odd: list[tuple[str
     assert unlike_the_rest(data, gaps(data, size, *odd), SETTINGS) == Unlike()
 
 
+def test_noise_that_a_window_magnifies_is_no_such_stretch(data: Dataset) -> None:
+    """An arm that falls with its motors off magnifies every error of its start."""
+    found = gaps(data, 0.9, ("r1", 7.0))
+    floor = np.where(found > 0.5, 0.4, 0.02)
+    assert unlike_the_rest(data, found, SETTINGS, floor) == Unlike()
+    assert unlike_the_rest(data, found, SETTINGS, np.where(found > 0.5, 0.2, 0.02)).stretches
+
+
 def test_few_windows_tell_nothing(data: Dataset) -> None:
     few = data.take(np.arange(data.count) < 15)
     assert unlike_the_rest(few, gaps(few, 0.9, ("r0", 7.0)), SETTINGS) == Unlike()

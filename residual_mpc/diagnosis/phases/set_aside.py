@@ -11,9 +11,12 @@ from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.data.left_out import across
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.phases.refine import Refined
+from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.replay import predict
-from residual_mpc.diagnosis.results.unlike_the_rest import joined_stretches, unlike_the_rest
+from residual_mpc.diagnosis.results.unlike_the_rest import floor_of_each, joined_stretches, unlike_the_rest
 from residual_mpc.models.settings import Term
+
+DRAWS = 3  # of the noise
 
 
 def unlike_in_fits(prepared: Prepared, refined: Refined) -> tuple[tuple[KeptBack, ...], tuple[Term, ...]]:
@@ -22,10 +25,12 @@ def unlike_in_fits(prepared: Prepared, refined: Refined) -> tuple[tuple[KeptBack
     of, settings = refined.explanation, prepared.options.settings.aside
     data, values = prepared.clean.take(prepared.free), of.final.values
     rows = of.space.settings([values, *({k: v for k, v in values.items() if k.term != t} for t in of.final.terms)])
-    whole, *less = (
-        unlike_the_rest(data, np.sqrt(per_window(data, prepared.scales, data.y - y)), settings).stretches
-        for y in predict(data, rows)
-    )
+    gaps = [np.sqrt(per_window(data, prepared.scales, data.y - y)) for y in predict(data, rows)]
+    if not any(unlike_the_rest(data, g, settings).stretches for g in gaps):
+        return (), ()
+    drawn = noise_errors(data, rows.take(np.array([0])), np.random.default_rng(0), DRAWS)
+    floor = floor_of_each(data, prepared.scales, drawn)
+    whole, *less = (unlike_the_rest(data, g, settings, floor).stretches for g in gaps)
     serving = [(t, found) for t, found in zip(of.final.terms, less, strict=True) if len(found) == 1 and found != whole]
     for _, found in serving:
         whole = joined_stretches(whole, found)

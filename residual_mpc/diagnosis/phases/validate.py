@@ -17,7 +17,12 @@ from residual_mpc.diagnosis.results.odd_run import OddRun
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.shrink import Shrink, shrink_of
 from residual_mpc.diagnosis.results.support import Support, support_of
-from residual_mpc.diagnosis.results.unlike_the_rest import Unlike, joined_stretches, unlike_the_rest
+from residual_mpc.diagnosis.results.unlike_the_rest import (
+    Unlike,
+    floor_of_each,
+    joined_stretches,
+    unlike_the_rest,
+)
 from residual_mpc.diagnosis.results.variation import variations
 from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.diagnosis.results.verdict import Verdict
@@ -91,8 +96,10 @@ def validate(refined: Refined, rng: np.random.Generator, progress: Progress) -> 
 def _unlike(gaps: ExplanationGaps, settings: ResultSettings) -> Unlike:
     """Stretches that are unlike everything else, with those that no fit has seen for that."""
     of = gaps.of
+    if gaps.verdict[0] == "no_gap":
+        return Unlike()
     left = np.sqrt(per_window(of.raw, of.scales, gaps.errors["after" if gaps.helps else "before"]))
-    found = unlike_the_rest(of.raw, left, settings.aside)
+    found = unlike_the_rest(of.raw, left, settings.aside, floor_of_each(of.after_data, of.scales, gaps.floors))
     stretches = joined_stretches(of.aside, found.stretches)
     there = across(of.raw, stretches)
     if not there.any():

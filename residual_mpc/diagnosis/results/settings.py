@@ -131,14 +131,16 @@ class VariationSettings:
 
 @dataclass(frozen=True)
 class AsideSettings:
-    """Stretches that are unlike everything else: of at least `fewest` windows that fits may see, those whose scaled
-    error is more than `unlike` times the quantile `usual` of all, and more than `least`; if they are at most the share
+    """Stretches that are unlike everything else: of at least `fewest` windows, those whose scaled error is more than
+    `unlike` times the quantile `usual` of all, more than `noise` times what a perfect model would have in the same
+    window, and more than `least`; if they are at most the share
     `most` of the windows, in at most so many `stretches`, with up to `apart` others between
     two windows of one, and make at least the `share` of all squared errors."""
 
     fewest: int = 20
     usual: float = 0.75
     unlike: float = 6.0
+    noise: float = 3.0
     least: float = 0.05
     most: float = 0.1
     stretches: int = 3
@@ -146,7 +148,7 @@ class AsideSettings:
     share: float = 0.6
 
     def __post_init__(self) -> None:
-        check_positive(self, "fewest", "unlike", "least", "stretches", "apart")
+        check_positive(self, "fewest", "unlike", "noise", "least", "stretches", "apart")
         check_share(self, "usual", "most", "share")
 
 

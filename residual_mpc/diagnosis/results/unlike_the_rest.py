@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.gap import Scales, per_window
 from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.results.settings import AsideSettings
 from residual_mpc.models.settings import Term
@@ -45,19 +46,27 @@ class Unlike:
         }
 
 
-def unlike_the_rest(data: Dataset, gaps: np.ndarray, settings: AsideSettings) -> Unlike:
+def unlike_the_rest(
+    data: Dataset, gaps: np.ndarray, settings: AsideSettings, floor: np.ndarray | float = 0.0
+) -> Unlike:
     """Where the windows' own gaps (W,) are by far larger than anywhere else, if that is in few and short stretches, and
-    most of what is left is there; NaN: a window with nothing to compare."""
+    most of what is left is there; NaN: a window with nothing to compare. floor (W,): those of a perfect model."""
     seen = np.nan_to_num(gaps)
     if data.count < settings.fewest:
         return Unlike()
+    seen = np.where(seen > settings.noise * np.nan_to_num(floor), seen, 0.0)
     odd = seen > max(settings.unlike * float(np.quantile(seen, settings.usual)), settings.least)
     if not odd.any() or odd.mean() > settings.most or np.sum(seen[odd] ** 2) < settings.share * np.sum(seen**2):
         return Unlike()
     stretches = _stretches(data, np.flatnonzero(odd), settings.apart)
     if len(stretches) > settings.stretches:
         return Unlike()
-    return Unlike(stretches, float(seen.max()), float(np.median(seen)))
+    return Unlike(stretches, float(seen.max()), float(np.nanmedian(gaps)))
+
+
+def floor_of_each(data: Dataset, scales: Scales, drawn: np.ndarray) -> np.ndarray:
+    """(W,) the windows' own gaps of a perfect model; drawn (draws, W, M, C): its errors."""
+    return np.sqrt(np.mean([np.nan_to_num(per_window(data, scales, e)) for e in drawn], axis=0))
 
 
 def _stretches(data: Dataset, windows: np.ndarray, apart: int) -> tuple[KeptBack, ...]:
