@@ -8,7 +8,6 @@ import numpy as np
 from residual_mpc.diagnosis.data.dataset import POSITION_LIKE, Dataset
 from residual_mpc.logs.signals import fresh_samples
 
-
 SLOWER = 0.3  # share of the samples from which they are those of a slower sensor, and not of one that misses updates
 
 
