@@ -138,3 +138,17 @@ def test_fits_do_not_see_what_a_slow_sensor_repeats() -> None:
 
 def test_a_sensor_at_the_rate_of_its_log_repeats_nothing() -> None:
     assert with_stale(dataset([rover_run("r", {}, 10.0)]), {}) == {}
+
+
+def test_a_gap_that_the_repeats_hide_is_seen_in_the_new_readings() -> None:
+    wide, perfect = (
+        [held_at(rover_run(f"r{k}", {"track_width": {"scale": scale}}, 20.0, seed=k), 4) for k in range(3)]
+        for scale in (1.1, 1.0)
+    )
+    found = diagnose(wide, [ROVER] * 3, SIGMA, (), Options(), np.random.default_rng(0)).diagnosis
+    assert found.gap.before < 1.25 * found.gap.noise_floor
+    (cause,) = found.causes
+    assert cause.term.effect == "track_width"
+    low, high = cause.parameters[0].ci95
+    assert low < 1.1 < high
+    assert diagnose(perfect, [ROVER] * 3, SIGMA, (), Options(), np.random.default_rng(0)).diagnosis.verdict == "no_gap"

@@ -24,6 +24,7 @@ from residual_mpc.diagnosis.results.own_step import Seen, only_the_step
 from residual_mpc.diagnosis.results.quantiles import quantiles
 from residual_mpc.diagnosis.results.records import GapFigures, HorizonFigures
 from residual_mpc.diagnosis.results.settings import ResultSettings
+from residual_mpc.diagnosis.results.slow_sensors import beyond_noise_when_fresh
 from residual_mpc.diagnosis.results.verdict import (
     HorizonGaps,
     Verdict,
@@ -174,14 +175,16 @@ def measure_gaps(
     # beyond the noise on all windows, and on the very windows that the figures are printed for
     whole = (raw, errors["before"]) if jumps else _nominal_errors(of.clean, rows)
     horizons = [Seen(whole[0], whole[1], scales, everywhere)]
+    base = rows.take(np.array([1]))
     anywhere = horizons[0].beyond_noise(settings) and _lucky(looks[0])
+    anywhere = anywhere or (not jumps and beyond_noise_when_fresh(of, noise, base, row, rng, settings=settings))
     for look in longer:
         more, all_before, all_floor = _longer(of, look, rows, row, noise, rng, jumps, unknown, settings=settings)
         if all_floor.total < FORETOLD:
             looks.append(more)
             horizons.append(Seen(all_before[0], all_before[1], look.scales, all_floor))
             anywhere = anywhere or horizons[-1].beyond_noise(settings)
-    stepping = anywhere and only_the_step(horizons, rows.take(np.array([1])), settings=settings)
+    stepping = anywhere and only_the_step(horizons, base, settings=settings)
     anywhere = anywhere and not stepping
     helps = helps and anywhere  # nothing to explain is no gap, whatever fits better
     return ExplanationGaps(
