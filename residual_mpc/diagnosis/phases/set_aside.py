@@ -13,6 +13,7 @@ from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.phases.refine import Refined
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.results.odd_run import odd_run
 from residual_mpc.diagnosis.results.unlike_the_rest import floor_of_each, joined_stretches, unlike_the_rest
 from residual_mpc.models.settings import Term
 
@@ -21,20 +22,31 @@ DRAWS = 3  # of the noise
 
 def unlike_in_fits(prepared: Prepared, refined: Refined) -> tuple[tuple[KeptBack, ...], tuple[Term, ...]]:
     """Stretches of the windows that fits have seen which the explanation misses by far more than all others, or would
-    miss without an effect that serves nothing else, such as a stop for a table that was hit once; and these effects."""
+    miss without an effect that serves nothing else, such as a stop for a table that was hit once, with these effects;
+    else a run that is unlike all others."""
     of, settings = refined.explanation, prepared.options.settings.aside
     data, values = prepared.clean.take(prepared.free), of.final.values
     rows = of.space.settings([values, *({k: v for k, v in values.items() if k.term != t} for t in of.final.terms)])
     gaps = [np.sqrt(per_window(data, prepared.scales, data.y - y)) for y in predict(data, rows)]
+    odd = _odd_run(data, gaps[0])
     if not any(unlike_the_rest(data, g, settings).stretches for g in gaps):
-        return (), ()
+        return odd, ()
     drawn = noise_errors(data, rows.take(np.array([0])), np.random.default_rng(0), DRAWS)
     floor = floor_of_each(data, prepared.scales, drawn)
     whole, *less = (unlike_the_rest(data, g, settings, floor).stretches for g in gaps)
     serving = [(t, found) for t, found in zip(of.final.terms, less, strict=True) if len(found) == 1 and found != whole]
     for _, found in serving:
         whole = joined_stretches(whole, found)
-    return whole, tuple(t for t, _ in serving)
+    return whole or odd, tuple(t for t, _ in serving)
+
+
+def _odd_run(data: Dataset, gaps: np.ndarray) -> tuple[KeptBack, ...]:
+    """The whole run that is unlike all others, if there is one."""
+    odd = odd_run(gaps**2, data.run)
+    if odd is None:
+        return ()
+    run = data.runs[odd.run]
+    return (KeptBack(run.name, float(run.t[0]), float(run.t[-1]) + data.horizon),)
 
 
 def without(prepared: Prepared, aside: Sequence[KeptBack]) -> Prepared:

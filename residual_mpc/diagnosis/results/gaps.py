@@ -8,6 +8,7 @@ import numpy as np
 from residual_mpc.diagnosis.data.constant_velocity import constant_velocity
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of, per_window, window_trust
+from residual_mpc.diagnosis.data.left_out import across
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise
 from residual_mpc.diagnosis.data.unknown_past import has_memory, runs_with_unknown_past, soon_after_unknown_past
 from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, stated_sizes
@@ -157,8 +158,9 @@ def measure_gaps(
     helps = of.anything and _helps(of, longer, rows, errors, trust, settings=settings)
     forecast = constant_velocity(of.raw)
     steady = gap_of(of.raw, scales, of.raw.y - forecast, test).total
+    usual = trust * (test & ~across(of.raw, of.aside))
     useless = worse_than_forecast(
-        of.raw, scales, errors["after" if helps else "before"], of.raw.y - forecast, trust * test, settings=settings
+        of.raw, scales, errors["after" if helps else "before"], of.raw.y - forecast, usual, settings=settings
     )
     helps = helps and not useless
     row = rows.take(np.array([2 if helps else 1]))
@@ -216,7 +218,7 @@ def _helps(
     """Whether the explanation makes the gap noticeably smaller on the windows that are judged: at the headline's
     horizon, or at a longer one without making the headline's larger by more than a little."""
     smaller = np.sqrt(1.0 - settings.gaps.least)
-    judged = trust * of.test
+    judged = trust * (of.test & ~across(of.raw, of.aside))
     before, after = (gap_of(of.raw, of.scales, errors[k], judged).total for k in ("before", "after"))
     if after < smaller * before:
         return True
@@ -225,8 +227,11 @@ def _helps(
     for look in longer:
         if of.held.any() and not look.held.any():
             continue  # its windows have been fitted to
-        raw = look.raw.take(look.test)
-        seen = look.clean.take(look.test) if of.with_outliers else raw
+        there = look.test & ~across(look.raw, of.aside)
+        if not there.any():
+            continue
+        raw = look.raw.take(there)
+        seen = look.clean.take(there) if of.with_outliers else raw
         _, was, now = predict(raw, rows)
         if gap_of(seen, look.scales, seen.y - now).total < smaller * gap_of(raw, look.scales, raw.y - was).total:
             return True
