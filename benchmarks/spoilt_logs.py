@@ -193,20 +193,17 @@ def diagnosed(fault: Fault, perfect: bool, seed: int) -> dict[str, Any]:
         robot = rm.load_robot(folder / "robot.toml")
         found = rm.diagnose(robot, rm.read_runs(robot, folder), seed=0)
     named = {(e["effect"], e["target"]): e for e in found.document["explanation"]}
-    groups = [
-        {(m["effect"], m["target"]) for m in g if isinstance(m, dict)} for g in found.document["confounded"]
-    ]
-    alone = {t: next((n for n in named if n == t or any({n, t} <= g for g in groups)), None) for t in truth}
-    wrong = [e["probability"] for n, e in named.items() if n not in alone.values()]
-    together = {t: sum(named[n]["probability"] for g in groups for n in named if t in g and n in g) for t in truth}
+    groups = [{(m["effect"], m["target"]) for m in g if isinstance(m, dict)} for g in found.document["confounded"]]
+    stands = {t: next((n for n in named if n == t or any({n, t} <= g for g in groups)), None) for t in truth}
+    wrong = [e["probability"] for n, e in named.items() if n not in stands.values()]
     sizes = [_size(named[t], true) for t, true in truth.items() if t in named]
     expected = ("unknown",) if perfect and fault.lacking else ("no_gap",) if perfect else ("effects", "partial")
     return {
         "fault": fault.name, "perfect": perfect, "seed": seed, "verdict": found.document["verdict"],
-        "right": found.document["verdict"] in expected and None not in alone.values() and not wrong,
+        "right": found.document["verdict"] in expected and None not in stands.values() and not wrong,
         "named": {f"{e}{'' if t is None else f' ({t})'}": named[e, t]["probability"] for e, t in named},
-        "found": sum(n is not None for n in alone.values()), "of": len(truth), "sizes": sizes,
-        "wrong": max(wrong, default=0.0), "together": list(together.values()),
+        "found": sum(n is not None for n in stands.values()), "of": len(truth), "sizes": sizes,
+        "wrong": max(wrong, default=0.0),
     }  # fmt: skip
 
 

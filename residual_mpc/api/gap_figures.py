@@ -10,7 +10,7 @@ from residual_mpc.diagnosis.data.constant_velocity import constant_velocity
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.gap import Scales, gap_of, measure_scales, per_window, still_channels
 from residual_mpc.diagnosis.data.hold_out import KeptBack, held_out_mask
-from residual_mpc.diagnosis.data.left_out import unfit
+from residual_mpc.diagnosis.data.left_out import telling
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise
 from residual_mpc.diagnosis.data.outliers import find_outliers
 from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, stated_sizes
@@ -139,9 +139,8 @@ def _figures(
     windows = {"nominal": quantiles(per_window(data, scales, nominal), data)}
     if other is not None:
         windows["model"] = quantiles(per_window(seen, scales, other), seen)
-    lost = unfit(data)
-    lost = lost & (not lost.all())
-    clear = [None if e is None else gap_of(of, scales, e, ~lost).total for of, e in ((data, nominal), (seen, other))]
+    kept = telling(data)
+    clear = [None if e is None else gap_of(of, scales, e, kept).total for of, e in ((data, nominal), (seen, other))]
     return {
         "nominal": g.total,
         "model": None if m is None else m.total,
@@ -151,7 +150,7 @@ def _figures(
         "windows": data.count,
         "still": list(still_channels(data, scales)),
         "window_gaps": windows,
-        "left_out_of_fits": {"windows": int(lost.sum()), "nominal_without": clear[0], "model_without": clear[1]},
+        "left_out_of_fits": {"windows": int((~kept).sum()), "nominal_without": clear[0], "model_without": clear[1]},
         "channels": {
             c: {
                 "nominal": float(g.channels[k]),

@@ -8,14 +8,11 @@ from residual_mpc.comparison.prepare import ComparisonInput
 from residual_mpc.comparison.sets import TwoSets
 from residual_mpc.comparison.space import ChangeSpace
 from residual_mpc.diagnosis.data.gap import per_window
-from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.settings import AsideSettings
-from residual_mpc.diagnosis.results.unlike_the_rest import Unlike, floor_of_each, unlike_the_rest
+from residual_mpc.diagnosis.results.unlike_the_rest import Unlike, drawn_floor, unlike_the_rest
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Values
-
-DRAWS = 3  # of the noise
 
 
 def unlike_in_sets(sets: TwoSets, space: ChangeSpace, values: Values, settings: AsideSettings) -> Unlike:
@@ -24,8 +21,7 @@ def unlike_in_sets(sets: TwoSets, space: ChangeSpace, values: Values, settings: 
     gaps = np.sqrt(per_window(data, sets.scales, data.y - predict(data, row)[0]))
     if not unlike_the_rest(data, gaps, settings).stretches:
         return Unlike()
-    drawn = noise_errors(data, row, np.random.default_rng(0), DRAWS)
-    return unlike_the_rest(data, gaps, settings, floor_of_each(data, sets.scales, drawn))
+    return unlike_the_rest(data, gaps, settings, drawn_floor(data, sets.scales, row))
 
 
 def without_unlike(given: ComparisonInput, unlike: Unlike) -> ComparisonInput:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from oracles.rover_log import SIGMA, rover_run
+from oracles.rover_log import ROBOT, SIGMA, rover_run, write_run
 
+import residual_mpc as rm
 from plants.diff_drive import DiffDrive
 from residual_mpc.comparison.sets import cut
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset, window_starts
@@ -68,6 +70,38 @@ def test_what_is_kept_back_is_the_blocks_without_unfit() -> None:
     mask = held_out_mask(data, kept)
     assert not (mask & untold(data)).any()
     assert mask.sum() == 16 + 20 + 3 + (3 + 1)
+
+
+def test_what_is_kept_back_stays_if_nothing_else_would_be_left() -> None:
+    everywhere = with_gaps(rover_run("lost", {}, 8.0), tuple((k + 0.2, k + 0.8) for k in range(8)))
+    data = dataset([everywhere, rover_run("whole", {}, 8.0, seed=1)])
+    assert without_unfit(data, (KeptBack("lost"),)) == (KeptBack("lost"),)
+
+
+def test_windows_that_begin_in_a_dropout_are_left_out() -> None:
+    """A quadratic through the samples before a dropout is far off within it."""
+    run = rover_run("r", {}, 12.0)
+    lost = (run.t > 3.9) & (run.t < 5.9)
+    columns = {k: np.where(lost, np.nan, v) if k.startswith("pose.") else v for k, v in run.columns.items()}
+    data = dataset([replace(run, columns=columns)])
+    assert 4.0 in data.start  # its start has samples within 0.25 s, all of them before it
+    assert data.start[untold(data)].tolist() == pytest.approx([4.0])
+
+
+def test_the_gap_of_what_a_diagnosis_kept_back_is_measured_again(tmp_path: Path) -> None:
+    """On the same windows, with and without those that nothing is fitted to."""
+    (tmp_path / "robot.toml").write_text(ROBOT)
+    for run in broken():
+        write_run(run, tmp_path)
+    robot = rm.load_robot(tmp_path / "robot.toml")
+    runs = rm.read_runs(robot, sorted(tmp_path.glob("r*.csv")))
+    found = rm.diagnose(robot, runs, only=("track_width",), out=tmp_path / "out")
+    again = rm.measure_gap(robot, runs, held_out_of=tmp_path / "out" / "diagnosis.json")
+    assert again.nominal == pytest.approx(found.gap["before"], rel=1e-9)
+    whole = rm.measure_gap(robot, runs)
+    left_out = whole.document["left_out_of_fits"]
+    assert left_out["windows"] == 12 and left_out["nominal_without"] < 0.5 * whole.nominal
+    assert any("without the 12 windows across gaps or incidents of the log" in line for line in str(whole).split("\n"))
 
 
 def test_longer_windows_avoid_the_gaps() -> None:

@@ -109,6 +109,16 @@ def test_a_frozen_joint_of_an_arm() -> None:
     assert with_incidents(runs, ARM)[0].incidents == ((runs[0].t[first], runs[0].t[first + 100]),)
 
 
+def test_a_sensor_that_is_frozen_from_the_first_row_on() -> None:
+    runs = wheels()
+    columns = dict(runs[0].columns)
+    for name in ("pose.x", "pose.y", "pose.theta"):
+        columns[name] = np.where(runs[0].t < 2.0, columns[name][0], columns[name])
+    runs[0] = replace(runs[0], columns=columns)
+    ((first, last),) = with_incidents(runs, WHEELS)[0].incidents
+    assert first == 0.0 and last == pytest.approx(2.0, abs=0.1)
+
+
 def test_a_robot_that_stops_slowly_or_creeps_down_a_slope_is_not_carried() -> None:
     """It does not set off: it is fastest when it is told to stand, or creeps from then on."""
     runs = []

@@ -45,6 +45,12 @@ def unfit(data: Dataset) -> np.ndarray:
     return _left_out(data, [unfit_spans(run) for run in data.runs])
 
 
+def telling(data: Dataset) -> np.ndarray:
+    """(W,) bool: the windows that tell something of the robot, all of them if none does."""
+    fit = ~unfit(data)
+    return fit if fit.any() else np.ones_like(fit)
+
+
 def without(data: Dataset, some: np.ndarray) -> Dataset:
     """The windows less some (W,), or all of them if none would be left."""
     return data if some.all() else data.take(~some)
@@ -61,18 +67,16 @@ def across(data: Dataset, stretches: Sequence[KeptBack]) -> np.ndarray:
 
 
 def without_unfit(data: Dataset, kept: Sequence[KeptBack]) -> tuple[KeptBack, ...]:
-    """What is kept back, less the windows that no fit may see: a run or block with such windows is the blocks between
-    them."""
+    """What is held out, without the windows that no fit may see: a run or block that contains such windows is split
+    into the blocks between them. All of it if nothing else would be left."""
     lost, names = unfit(data), [run.name for run in data.runs]
-    if lost.all():
-        return tuple(kept)
     out: list[KeptBack] = []
     for k in kept:
         mine = data.run == names.index(k.run) if k.run in names else np.zeros(data.count, dtype=bool)
         if k.start is not None and k.end is not None:
             mine &= (data.start >= k.start - SLACK) & (data.start + data.horizon <= k.end + SLACK)
-        out += [k] if not (mine & lost).any() else _blocks(k.run, data.start[mine & ~lost], data.horizon)
-    return tuple(out)
+        out += [k] if not (mine & lost).any() else blocks_of(k.run, data.start[mine & ~lost], data.horizon)
+    return tuple(out) or tuple(kept)
 
 
 def _left_out(data: Dataset, spans: Sequence[Spans]) -> np.ndarray:
@@ -93,8 +97,8 @@ def _distance(t: np.ndarray, at: np.ndarray) -> np.ndarray:
     return np.asarray(np.minimum(np.abs(t[right - 1] - at), np.abs(t[right] - at)))
 
 
-def _blocks(run: str, starts: np.ndarray, horizon: float) -> list[KeptBack]:
-    """Blocks of neighbouring windows."""
+def blocks_of(run: str, starts: np.ndarray, horizon: float, apart: int = 0) -> list[KeptBack]:
+    """Blocks of neighbouring windows that begin at starts (W,) s; up to `apart` others may lie between two of one."""
     starts = np.sort(starts)
-    parts = np.split(starts, np.flatnonzero(np.diff(starts) > 1.5 * horizon) + 1) if len(starts) else []
+    parts = np.split(starts, np.flatnonzero(np.diff(starts) > (apart + 1.5) * horizon) + 1) if len(starts) else []
     return [KeptBack(run, float(p[0]), float(p[-1] + horizon)) for p in parts]

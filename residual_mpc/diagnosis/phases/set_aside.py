@@ -11,13 +11,10 @@ from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.data.left_out import across
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.phases.refine import Refined
-from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.odd_run import odd_run
-from residual_mpc.diagnosis.results.unlike_the_rest import floor_of_each, joined_stretches, unlike_the_rest
+from residual_mpc.diagnosis.results.unlike_the_rest import drawn_floor, joined_stretches, unlike_the_rest
 from residual_mpc.models.settings import Term
-
-DRAWS = 3  # of the noise
 
 
 def unlike_in_fits(prepared: Prepared, refined: Refined) -> tuple[tuple[KeptBack, ...], tuple[Term, ...]]:
@@ -31,8 +28,7 @@ def unlike_in_fits(prepared: Prepared, refined: Refined) -> tuple[tuple[KeptBack
     odd = _odd_run(data, gaps[0])
     if not any(unlike_the_rest(data, g, settings).stretches for g in gaps):
         return odd, ()
-    drawn = noise_errors(data, rows.take(np.array([0])), np.random.default_rng(0), DRAWS)
-    floor = floor_of_each(data, prepared.scales, drawn)
+    floor = drawn_floor(data, prepared.scales, rows.take(np.array([0])))
     whole, *less = (unlike_the_rest(data, g, settings, floor).stretches for g in gaps)
     serving = [(t, found) for t, found in zip(of.final.terms, less, strict=True) if len(found) == 1 and found != whole]
     for _, found in serving:

@@ -8,7 +8,7 @@ import numpy as np
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset, window_starts
 from residual_mpc.diagnosis.data.gap import Scales, gap_of, measure_scales
 from residual_mpc.diagnosis.data.hold_out import KeptBack
-from residual_mpc.diagnosis.data.left_out import unfit, unfit_spans, untold, without
+from residual_mpc.diagnosis.data.left_out import telling, unfit, unfit_spans, untold, without
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
@@ -44,10 +44,7 @@ class HorizonWindows:
     def test(self) -> np.ndarray:
         """(W,) bool: the windows that figures are printed for: those held out; where there are none, all that tell
         something of the robot."""
-        if self.held.any():
-            return self.held
-        fit = ~unfit(self.raw)
-        return fit if fit.any() else np.ones(self.raw.count, dtype=bool)
+        return self.held if self.held.any() else telling(self.raw)
 
 
 def longer_horizons(runs: Sequence[Run], horizon: float, settings: PredictSettings) -> tuple[float, ...]:

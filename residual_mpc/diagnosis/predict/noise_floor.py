@@ -114,6 +114,12 @@ def with_luck(squares: np.ndarray, windows: int, settings: PredictSettings) -> n
     return np.asarray(np.sqrt(mean * chdtri(freedom, settings.floor.luck) / freedom))
 
 
+def beyond_luck(gap: Gap, floor: NoiseFloor) -> bool:
+    """Whether a gap is more than chance would make of the noise, in all or in one channel."""
+    with np.errstate(invalid="ignore"):
+        return bool(gap.total > floor.luck or (gap.channels > floor.channel_luck).any())
+
+
 def beyond(gap: Gap, floor: NoiseFloor, settings: PredictSettings) -> bool:
     """Whether a gap is beyond the noise, in all or in one channel."""
     tuned = settings.floor

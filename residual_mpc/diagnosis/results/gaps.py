@@ -15,7 +15,14 @@ from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, s
 from residual_mpc.diagnosis.predict.horizons import FORETOLD, HorizonWindows
 from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
-from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD, NoiseFloor, floor_draws, floor_of, floor_under
+from residual_mpc.diagnosis.predict.noise_floor import (
+    AS_GOOD,
+    NoiseFloor,
+    beyond_luck,
+    floor_draws,
+    floor_of,
+    floor_under,
+)
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.step_error import step_error
@@ -178,7 +185,7 @@ def measure_gaps(
     whole = (raw, errors["before"]) if jumps else _nominal_errors(of.clean, rows)
     horizons = [Seen(whole[0], whole[1], scales, everywhere)]
     base = rows.take(np.array([1]))
-    anywhere = horizons[0].beyond_noise(settings) and _lucky(looks[0])
+    anywhere = horizons[0].beyond_noise(settings) and beyond_luck(looks[0].before, floor)
     anywhere = anywhere or (not jumps and beyond_noise_when_fresh(of, noise, base, row, rng, settings=settings))
     for look in longer:
         more, all_before, all_floor = _longer(of, look, rows, row, noise, rng, jumps, unknown, settings=settings)
@@ -236,12 +243,6 @@ def _helps(
         if gap_of(seen, look.scales, seen.y - now).total < smaller * gap_of(raw, look.scales, raw.y - was).total:
             return True
     return False
-
-
-def _lucky(look: HorizonGaps) -> bool:
-    """Whether the gap is more than chance would make of the noise."""
-    with np.errstate(invalid="ignore"):
-        return look.before.total > look.floor.luck or bool((look.before.channels > look.floor.channel_luck).any())
 
 
 def _noise(

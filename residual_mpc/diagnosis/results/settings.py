@@ -133,9 +133,8 @@ class VariationSettings:
 class AsideSettings:
     """Stretches that are unlike everything else: of at least `fewest` windows, those whose scaled error is more than
     `unlike` times the quantile `usual` of all, more than `noise` times what a perfect model would have in the same
-    window, and more than `least`; if they are at most the share
-    `most` of the windows, in at most so many `stretches`, with up to `apart` others between
-    two windows of one, and make at least the `share` of all squared errors."""
+    window, and more than `least`; if they are at most the share `most` of the windows, in at most so many `stretches`,
+    with up to `apart` others between two windows of one, and make at least the `share` of all squared errors."""
 
     fewest: int = 20
     usual: float = 0.75

@@ -7,7 +7,7 @@ import numpy as np
 from residual_mpc.diagnosis.data.gap import gap_of
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise
 from residual_mpc.diagnosis.data.stale import with_stale
-from residual_mpc.diagnosis.predict.noise_floor import floor_of
+from residual_mpc.diagnosis.predict.noise_floor import beyond_luck, floor_of
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.own_step import Seen
@@ -34,7 +34,5 @@ def beyond_noise_when_fresh(
     if not Seen(data, error, of.scales, every).beyond_noise(settings):
         return False
     there = data.take(of.test)
-    gap = gap_of(there, of.scales, error[of.test])
     floor = floor_of(there, of.scales, row, rng, settings=settings.predict)
-    with np.errstate(invalid="ignore"):
-        return bool(gap.total > floor.luck or (gap.channels > floor.channel_luck).any())
+    return beyond_luck(gap_of(there, of.scales, error[of.test]), floor)

@@ -1,15 +1,20 @@
 """Stretches that are unlike everything else: a motor that is off for seconds, a push, a collision."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales, per_window
 from residual_mpc.diagnosis.data.hold_out import KeptBack
+from residual_mpc.diagnosis.data.left_out import blocks_of
+from residual_mpc.diagnosis.predict.horizons import joined_spans
+from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.results.settings import AsideSettings
-from residual_mpc.models.settings import Term
+from residual_mpc.models.settings import Settings, Term
+
+DRAWS = 3  # of the noise
 
 
 @dataclass(frozen=True)
@@ -58,7 +63,7 @@ def unlike_the_rest(
     odd = seen > max(settings.unlike * float(np.quantile(seen, settings.usual)), settings.least)
     if not odd.any() or odd.mean() > settings.most or np.sum(seen[odd] ** 2) < settings.share * np.sum(seen**2):
         return Unlike()
-    stretches = _stretches(data, np.flatnonzero(odd), settings.apart)
+    stretches = _stretches(data, odd, settings.apart)
     if len(stretches) > settings.stretches:
         return Unlike()
     return Unlike(stretches, float(seen.max()), float(np.nanmedian(gaps)))
@@ -69,33 +74,23 @@ def floor_of_each(data: Dataset, scales: Scales, drawn: np.ndarray) -> np.ndarra
     return np.sqrt(np.mean([np.nan_to_num(per_window(data, scales, e)) for e in drawn], axis=0))
 
 
-def _stretches(data: Dataset, windows: np.ndarray, apart: int) -> tuple[KeptBack, ...]:
-    """The stretches that these windows make, with the `apart` windows or fewer that lie between two of them."""
-    out: list[KeptBack] = []
-    for w in sorted(windows, key=lambda w: (data.run[w], data.start[w])):
-        name, begin = data.runs[int(data.run[w])].name, float(data.start[w])
-        last = out[-1] if out else None
-        if last is not None and last.run == name and begin < _end(last) + (apart + 0.5) * data.horizon:
-            out[-1] = replace(last, end=begin + data.horizon)
-        else:
-            out.append(KeptBack(name, begin, begin + data.horizon))
-    return tuple(out)
+def drawn_floor(data: Dataset, scales: Scales, row: Settings) -> np.ndarray:
+    """(W,) the same of the model `row`, from a few draws of the noise."""
+    return floor_of_each(data, scales, noise_errors(data, row, np.random.default_rng(0), DRAWS))
 
 
 def joined_stretches(first: Sequence[KeptBack], second: Sequence[KeptBack]) -> tuple[KeptBack, ...]:
     """Both, those that meet as one."""
+    spans: dict[str, list[tuple[float, float]]] = {}
+    for k in (*first, *second):
+        assert k.start is not None and k.end is not None
+        spans.setdefault(k.run, []).append((k.start, k.end))
+    return tuple(KeptBack(run, *span) for run in sorted(spans) for span in joined_spans(spans[run]))
+
+
+def _stretches(data: Dataset, odd: np.ndarray, apart: int) -> tuple[KeptBack, ...]:
+    """The stretches that the windows `odd` (W,) make, with up to `apart` others between two of one."""
     out: list[KeptBack] = []
-    for k in sorted([*first, *second], key=lambda k: (k.run, _begin(k))):
-        if out and out[-1].run == k.run and _begin(k) <= _end(out[-1]) + 1e-6:
-            out[-1] = replace(out[-1], end=max(_end(out[-1]), _end(k)))
-        else:
-            out.append(k)
+    for i in np.unique(data.run[odd]):
+        out += blocks_of(data.runs[int(i)].name, data.start[odd & (data.run == i)], data.horizon, apart)
     return tuple(out)
-
-
-def _begin(k: KeptBack) -> float:
-    return -np.inf if k.start is None else k.start
-
-
-def _end(k: KeptBack) -> float:
-    return np.inf if k.end is None else k.end

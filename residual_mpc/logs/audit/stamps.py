@@ -76,8 +76,8 @@ def _gaps(run: Run) -> list[Finding]:
             "t",
             k,
             f"no samples for {step[k]:.3g} s from t = {run.t[k]:.6g} s{more} ({step[wide].sum():.3g} s in total)",
-            "nothing to do: only `gap` counts windows across it, with the last command held; all else leaves them "
-            "out",
+            "nothing to do: `diagnose`, `compare` and `learn` leave out the windows across it; `gap` counts them, with "
+            "the last command held",
         )
     ]
 

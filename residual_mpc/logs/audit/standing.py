@@ -60,14 +60,15 @@ def standing(run: Run, wheels: Sequence[FloatArray]) -> list[tuple[int, int]]:
 def carried(run: Run, wheels: Sequence[FloatArray]) -> list[tuple[int, int]]:
     """First and last row of each stretch in which the robot sets off although it is told to stand."""
     speeds = _speeds(run, wheels)
-    sent = np.max(np.abs(wheels), axis=0) if speeds else np.zeros(0)
+    if not speeds:
+        return []
+    sent = np.max(np.abs(wheels), axis=0)
     out = []
-    for a, b in _stretches(sent < TOLD_TO_STAND * float(np.quantile(sent, 0.95))) if speeds else []:
+    for a, b in _stretches(sent < TOLD_TO_STAND * float(np.quantile(sent, 0.95))):
         rest = a + int(np.searchsorted(run.t[a : b + 1], run.t[a] + (SETTLED if a else 0.0)))
         for speed, error in speeds:
             fast = np.maximum(MOVED * np.nanquantile(speed, 0.9), 2.0 * error)
-            moving = [(c, d) for c, d in _stretches(speed[rest : b + 1] > fast[rest : b + 1])]
-            for c, d in moving:
+            for c, d in _stretches(speed[rest : b + 1] > fast[rest : b + 1]):
                 first, last = rest + c, rest + d
                 begins = np.nanmin(speed[rest : first + 1])
                 lasts = run.t[last] - run.t[first] >= MOVED_FOR

@@ -18,7 +18,7 @@ LATE = 1.5  # times the fastest speed around, at which it passes this and the la
 FROZEN, FEWEST = 0.3, 5  # s and samples: the shortest repetition that counts as frozen
 LONGER = 5.0  # times the usual time between changes
 STAYS = 5  # samples after a step that tell whether it stays; an outlier comes back
-BACK = 0.5  # of a step: what is left of it at least
+REMAINS = 0.5  # share of a step that has to remain
 
 
 @dataclass(frozen=True)
@@ -47,16 +47,22 @@ def steps_of(t: FloatArray, y: FloatArray) -> list[Step]:
     fastest = float(np.quantile(np.abs(size) / gap, 0.995))
     least = NOISE * max(noise_sigma(t, y), resolution(y))
     frozen = (since > max(FROZEN, LONGER * usual)) & (repeats >= FEWEST)
-    together = np.abs(size + np.roll(size, 1)) / (since + np.roll(since, 1))
+    together = np.abs(size + _before(size)) / (since + _before(since))
     sudden = (gap < 1.5 * float(np.median(gap))) & (np.abs(size) / gap > FASTER * fastest)
     sudden &= together > LATE * _largest_around(np.abs(size) / gap)
     large = np.abs(size) > np.maximum(LARGER * _largest_around(np.abs(size)), least)
     out = []
     for k in np.flatnonzero(large & (frozen | sudden)):
         if _stays(value, int(changed[k]), float(size[k])):
-            first = changed[k - 1] if frozen[k] and k else changed[k] - 1
+            held_from = changed[k - 1] if k else 0
+            first = held_from if frozen[k] else changed[k] - 1
             out.append(Step(int(there[first]), int(there[changed[k]]), float(size[k]), bool(frozen[k])))
     return out
+
+
+def _before(x: FloatArray) -> FloatArray:
+    """(n,) the value before each, 0 before the first."""
+    return np.concatenate([[0.0], x[:-1]])
 
 
 def _largest_around(size: FloatArray) -> FloatArray:
@@ -70,4 +76,4 @@ def _largest_around(size: FloatArray) -> FloatArray:
 def _stays(value: FloatArray, at: int, size: float) -> bool:
     """Whether the samples after a step differ from those before it by about as much, in its direction."""
     before, after = value[max(0, at - STAYS) : at], value[at : at + STAYS]
-    return len(after) == STAYS and bool((np.median(after) - np.median(before)) * np.sign(size) > BACK * abs(size))
+    return len(after) == STAYS and bool((np.median(after) - np.median(before)) * np.sign(size) > REMAINS * abs(size))
