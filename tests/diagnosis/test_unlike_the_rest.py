@@ -140,4 +140,4 @@ def test_what_would_explain_a_stretch_and_nothing_else_is_told() -> None:
     found = Unlike((KeptBack("r1", 7.0, 9.0),), 0.9, 0.03, (Term("end_stop", "elbow"),))
     document = found.document(1.0)
     assert document is not None
-    assert str(document["note"]).endswith("the gap counts it. end_stop [elbow] would explain it, and nothing else.")
+    assert str(document["note"]).endswith("those of all else. end_stop [elbow] would explain it, and nothing else.")

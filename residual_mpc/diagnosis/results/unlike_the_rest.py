@@ -40,14 +40,14 @@ class Unlike:
         """What diagnosis.json says of it."""
         if not self.stretches:
             return None
-        counted = "it" if len(self.stretches) == 1 else "them"
-        by = f" {', '.join(map(str, self.serving))} would explain {counted}, and nothing else." if self.serving else ""
+        them = "it" if len(self.stretches) == 1 else "them"
+        by = f" {', '.join(map(str, self.serving))} would explain {them}, and nothing else." if self.serving else ""
         return {
             "stretches": [k.document() for k in self.stretches],
             "gap": self.gap,
             "usual": self.usual,
             "note": f"{self.sentence(horizon)}: look at what happened there. The causes and their probabilities are "
-            f"those of all else; the gap counts {counted}.{by}",
+            f"those of all else.{by}",
         }
 
 
