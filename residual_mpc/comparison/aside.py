@@ -32,8 +32,6 @@ def without_unlike(given: ComparisonInput, unlike: Unlike) -> ComparisonInput:
 
 def aside_note(unlike: Unlike, horizon: float) -> tuple[str, ...]:
     """What a reader has to know of it. horizon: of the gaps, s."""
-    if not unlike.stretches:
-        return ()
     return (f"{unlike.sentence(horizon)}: left out, look at what happened there",)
 
 

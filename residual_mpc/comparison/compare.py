@@ -57,11 +57,14 @@ def compare(
         found = _compared(given, settings, rng, progress)
         space = found.settled.problem.space
         assert isinstance(space, ChangeSpace)
-        unlike = unlike_in_sets(found.sets, space, found.settled.fit.values, settings.results.aside)
-        if unlike.stretches:
-            progress("comparing again without what is unlike the rest", 0.05)
-            found = _compared(without_unlike(given, unlike), settings, rng, progress)
         whole = _judged(given, found, settings)
+        if whole.verdict not in ("unknown", "partial"):
+            return whole  # nothing is left that a stretch would have to account for
+        unlike = unlike_in_sets(found.sets, space, found.settled.fit.values, settings.results.aside)
+        if not unlike.stretches:
+            return whole
+        progress("comparing again without what is unlike the rest", 0.05)
+        whole = _judged(given, _compared(without_unlike(given, unlike), settings, rng, progress), settings)
         return replace(whole, notes=(*whole.notes, *aside_note(unlike, given.options.horizon)))
 
 
