@@ -1,5 +1,6 @@
 """The changes that an answer names, with their probabilities, and what could stand in their place."""
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -50,9 +51,9 @@ def beside_chance(p: float) -> float:
     """The largest probability that a p value leaves to a cause against chance, if both were as likely before: -e p ln p
     bounds the Bayes factor from below (Sellke, Bayarri and Berger 2001, eq. 3). Above 1 / e, where that says nothing,
     it falls in proportion to 1 - p."""
-    if p >= 1.0 / np.e:
-        return 0.5 * (1.0 - p) / (1.0 - 1.0 / np.e)
-    return float(1.0 / (1.0 - np.e * p * np.log(max(p, 1e-300))))
+    if p >= 1.0 / math.e:
+        return 0.5 * (1.0 - p) / (1.0 - 1.0 / math.e)
+    return float(1.0 / (1.0 - math.e * p * np.log(max(p, 1e-300))))
 
 
 def p_of_prediction(predicted: Predicted | None) -> float:
