@@ -12,7 +12,8 @@ from residual_mpc.diagnosis.data.gap import Scales, gap_of, measure_scales, per_
 from residual_mpc.diagnosis.data.hold_out import KeptBack, held_out_mask
 from residual_mpc.diagnosis.data.left_out import telling
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise
-from residual_mpc.diagnosis.data.outliers import find_outliers
+from residual_mpc.diagnosis.data.outliers import find_outliers, with_outliers_removed
+from residual_mpc.diagnosis.data.stale import any_slow, without_repeats
 from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, stated_sizes
 from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.candidates import build_space
@@ -20,7 +21,7 @@ from residual_mpc.diagnosis.predict.horizons import FORETOLD, full_windows, long
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.noise_floor import floor_from
 from residual_mpc.diagnosis.predict.problem import build_problem
-from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
+from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.document import finite
 from residual_mpc.diagnosis.results.quantiles import quantiles
 from residual_mpc.errors import BadInput
@@ -141,6 +142,7 @@ def _figures(
         windows["model"] = quantiles(per_window(seen, scales, other), seen)
     kept = telling(data)
     clear = [None if e is None else gap_of(of, scales, e, kept).total for of, e in ((data, nominal), (seen, other))]
+    new = _figures(without_repeats(data), scales, None, model, seed, tuning) if any_slow(data) else None
     return {
         "nominal": g.total,
         "model": None if m is None else m.total,
@@ -151,6 +153,7 @@ def _figures(
         "still": list(still_channels(data, scales)),
         "window_gaps": windows,
         "left_out_of_fits": {"windows": int((~kept).sum()), "nominal_without": clear[0], "model_without": clear[1]},
+        "new_readings": None if new is None else {k: new[k] for k in ("nominal", "model", "noise_floor")},
         "channels": {
             c: {
                 "nominal": float(g.channels[k]),

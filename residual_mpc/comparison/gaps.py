@@ -8,11 +8,12 @@ from residual_mpc.comparison.records import ComparedGap, GapRise, Predicted
 from residual_mpc.comparison.sets import TwoSets, units_of
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.diagnosis.data.gap import gap_of, per_window
+from residual_mpc.diagnosis.data.outliers import with_outliers_removed
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.predict.noise_floor import floor_of
 from residual_mpc.diagnosis.predict.problem import Problem, part_of
-from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
+from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.models.settings import Term
 
 WHOLE = 1.0  # squared gap of a window in which a model misses the whole motion

@@ -9,10 +9,9 @@ from residual_mpc.comparison.settings import ContrastSettings
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset, joined, window_starts
 from residual_mpc.diagnosis.data.gap import Scales, measure_scales
 from residual_mpc.diagnosis.data.left_out import unfit, without
-from residual_mpc.diagnosis.data.outliers import Outliers, find_outliers
+from residual_mpc.diagnosis.data.outliers import Outliers, find_outliers, with_outliers_removed
 from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.data.stale import with_stale
-from residual_mpc.diagnosis.predict.replay import with_outliers_removed
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot

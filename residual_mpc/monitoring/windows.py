@@ -9,8 +9,8 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.gap import Scales
-from residual_mpc.diagnosis.data.outliers import find_outliers
-from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
+from residual_mpc.diagnosis.data.outliers import find_outliers, with_outliers_removed
+from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
 from residual_mpc.monitoring.model import WatchedModel

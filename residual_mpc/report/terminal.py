@@ -4,7 +4,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from residual_mpc.report.words.effects import DIVISIONS, numbers_of, sizes_words
-from residual_mpc.report.words.gaps import few_windows, floor_matters, horizon_line, horizons_of, warnings
+from residual_mpc.report.words.gaps import (
+    few_windows,
+    floor_matters,
+    horizon_line,
+    horizons_of,
+    new_readings_line,
+    warnings,
+)
 from residual_mpc.report.words.groups import group_sentence
 from residual_mpc.report.words.numbers import count, measure_interval, number, percent, percent_interval, plain
 from residual_mpc.report.words.rest import rest_sentence
@@ -20,6 +27,7 @@ def diagnosis_lines(document: Document) -> list[str]:
     gap = document["gap"]
     details = [
         *(horizon_line(one, explained) for one in horizons_of(gap)),
+        *_new_readings(gap, explained),
         *_reference(gap),
         *_doubts(gap, explained),
         *_shrink(document),
@@ -50,6 +58,7 @@ def gap_lines(gap: Document) -> list[str]:
         arrow = "" if c["model"] is None else f" -> {number(c['model'])}"
         lines.append(f"  {name:<24} {number(c['nominal'])}{arrow}  (noise floor {number(c['noise_floor'], 2)})")
     lines += [horizon_line(one, other) for one in longer]
+    lines += _new_readings(gap, other)
     lines += _reference(gap)
     lines += _left_out(gap, other)
     lines += _doubts(gap, other)
@@ -60,6 +69,11 @@ def gap_lines(gap: Document) -> list[str]:
     if gap["skipped"]:
         lines.append(f"{count(gap['skipped'], 'window')} skipped: no sample within 0.25 s of the start")
     return [plain(line) for line in lines]
+
+
+def _new_readings(gap: Document, explained: bool) -> list[str]:
+    line = new_readings_line(gap, explained)
+    return [line] if line else []
 
 
 def _reference(gap: Document) -> list[str]:

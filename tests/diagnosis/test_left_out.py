@@ -186,3 +186,28 @@ def test_a_gap_that_the_repeats_hide_is_seen_in_the_new_readings() -> None:
     low, high = cause.parameters[0].ci95
     assert low < 1.1 < high
     assert diagnose(perfect, [ROVER] * 3, SIGMA, (), Options(), np.random.default_rng(0)).diagnosis.verdict == "no_gap"
+
+
+def test_the_new_readings_of_a_slow_sensor_are_judged(tmp_path: Path) -> None:
+    """What it repeats counts in the printed gap, as the definition has it, and makes it several times as large."""
+    (tmp_path / "robot.toml").write_text(ROBOT)
+    faults = {"command_delay": {"delay": 0.12}, "track_width": {"scale": 1.1}}
+    for k in range(4):
+        write_run(held_at(rover_run(f"r{k}", faults, 20.0, seed=k), 4), tmp_path)
+    robot = rm.load_robot(tmp_path / "robot.toml")
+    runs = rm.read_runs(robot, sorted(tmp_path.glob("r*.csv")))
+    found = rm.diagnose(robot, runs, only=tuple(faults), out=tmp_path / "out")
+    gap, new = found.gap, found.gap["new_readings"]
+    assert found.verdict == "effects"
+    assert {e["effect"]: e["probability"] > 0.9 for e in found.explanation} == dict.fromkeys(faults, True)
+    usual, repeated = (figures["horizons"][0]["window_gaps"] for figures in (new, gap))
+    assert usual["after"]["p50"] < 2.0 * new["noise_floor"] < 0.2 * usual["before"]["p50"]
+    assert repeated["after"]["p50"] > 4.0 * usual["after"]["p50"] and gap["noise_floor"] > 4.0 * new["noise_floor"]
+    removed = 1.0 - new["after"] / new["before"]
+    assert f"removes {100 * removed:.0f}\u00a0% of the gap of the new readings" in found.document["verdict_sentence"]
+    assert "without the readings that slow sensors repeat, the gap at 1 s" in str(found)
+    measured = rm.measure_gap(robot, runs, model=found, held_out_of=tmp_path / "out" / "diagnosis.json").document
+    assert measured["model"] == pytest.approx(gap["after"], rel=1e-9)
+    assert measured["new_readings"]["model"] == pytest.approx(new["after"], rel=1e-9)
+    full = rm.read_runs(robot, [write_run(rover_run("full", {}, 8.0), tmp_path)])
+    assert rm.measure_gap(robot, full).document["new_readings"] is None

@@ -12,7 +12,8 @@ from scipy.integrate import solve_ivp
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
-from residual_mpc.diagnosis.predict.replay import predict, predict_moved, with_outliers_removed
+from residual_mpc.diagnosis.data.outliers import with_outliers_removed
+from residual_mpc.diagnosis.predict.replay import predict, predict_moved
 from residual_mpc.effects.library import BY_NAME, LIBRARY
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob, Settings, assemble

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from oracles.arms import arm_xml, robot_of, settings_of
 
+from plants.diff_drive import DiffDrive
 from plants.mujoco_robot.robot import MujocoRobot
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.gap import measure_scales, per_window
@@ -241,3 +242,14 @@ def test_a_joint_that_nobody_measures_shows_no_setpoint(tmp_path: Path) -> None:
     signals = Signals({(0, "position.j1"): Signal(run.t, run.columns["position.hub"])})
     found = reached(two, 0, run.t[:2], signals)
     assert np.isfinite(found[:, 0]).all() and np.isnan(found[:, 1]).all()
+
+
+@pytest.mark.parametrize(("moves", "period", "doubted"), [(True, 0.2, True), (False, 0.2, False), (True, 0.1, False)])
+def test_a_slow_sensor_does_not_tell_motion_from_setting_off(moves: bool, period: float, doubted: bool) -> None:
+    """Its second reading comes after whatever acts late; with three within a start state's reach the rate is known."""
+    t = period * np.arange(60)
+    x = (0.3 * t**2 if moves else 0.0 * t) + 0.001 * np.random.default_rng(0).standard_normal(len(t))
+    pose = {"pose.x": x, "pose.y": 0.0 * t, "pose.theta": 0.0 * t}
+    sent = {"command.left": 10.0 * t, "command.right": 10.0 * t}
+    data = build_dataset([Run("r", t, {**sent, **pose})], [DiffDrive("rover", 0.05, 0.2)], {})
+    assert unknown(data) == [doubted]

@@ -5,13 +5,14 @@ A driver that differentiates an encoder's readings makes a jump of the velocity 
 filters the velocity, a jump that decays over several samples. Such samples are flagged with the outlier.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import POSITION_LIKE, Dataset
 from residual_mpc.diagnosis.data.settings import DataSettings, OutlierSettings
+from residual_mpc.diagnosis.data.signals import Signal, Signals
 from residual_mpc.logs.jumps import spikes
 
 
@@ -87,3 +88,19 @@ def jumps_at(v: np.ndarray, rows: np.ndarray, sigma: float, settings: OutlierSet
             length = int(np.argmin(np.append(far[begin:], False)))
             out[first + begin : first + begin + length] = True
     return out
+
+
+def with_outliers_removed(data: Dataset, flagged: Mapping[tuple[int, str], np.ndarray]) -> Dataset:
+    """The dataset without the flagged samples. flagged[run, channel]: (n,) bool over that signal's samples."""
+    signals = dict(data.signals)
+    y = data.y.copy()
+    for (i, c), mask in flagged.items():
+        if not mask.any():
+            continue
+        s = signals[i, c]
+        bad = s.t[mask]
+        signals[i, c] = Signal(s.t[~mask], s.y[~mask])
+        for w in np.flatnonzero(data.run == i):
+            hit = np.isin(np.round(data.t[w] + data.start[w], 9), np.round(bad, 9))
+            y[w, hit, data.channels.index(c)] = np.nan
+    return replace(data, signals=Signals(signals), y=y)

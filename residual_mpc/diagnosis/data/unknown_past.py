@@ -4,6 +4,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.before_the_log import held_before
 from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.local_fit import REACH
 from residual_mpc.diagnosis.data.settings import UnknownPastSettings
 from residual_mpc.diagnosis.data.signals import Signal
 from residual_mpc.effects.library import BY_NAME
@@ -23,7 +24,8 @@ def has_memory(settings: Settings) -> bool:
 
 def runs_with_unknown_past(data: Dataset, settings: UnknownPastSettings) -> np.ndarray:
     """(R,) bool: whether a run begins while the robot moves, or while motors give torques that no command tells. A
-    robot that stands still holds the setpoints that it has reached."""
+    robot that stands still holds the setpoints that it has reached. A robot may move if its sensor is too slow to tell
+    whether it sets off from rest."""
     out = np.zeros(len(data.runs), dtype=bool)
     for block in data.blocks:
         mine = [int(i) for i in np.unique(data.run[block.where])]
@@ -63,10 +65,15 @@ def _moves(robot: Robot, i: int, data: Dataset, settings: UnknownPastSettings) -
 
 def _rises(signal: Signal, begin: float, settings: UnknownPastSettings) -> bool:
     """Whether the cubic through the first samples has a slope at the first stamp that noise does not explain: what sets
-    off from rest has none. Too few samples do not tell that from motion."""
+    off from rest has none. Too few samples do not tell that from motion; of a sensor so slow that a start state has no
+    more than two, whether the second one has moved."""
     near = int(np.searchsorted(signal.t, begin + settings.seconds + 1e-9))
     t, y = signal.t[:near] - begin, signal.y[:near]
-    if len(t) < settings.samples or np.ptp(y) == 0.0:
+    if len(t) < settings.samples:
+        slow = np.searchsorted(signal.t, begin + REACH + 1e-9) <= 2 < len(signal.t)
+        step = abs(signal.y[1] - signal.y[0]) if slow else 0.0
+        return bool(step > settings.certain * np.sqrt(2.0) * noise_sigma(signal.t, signal.y))
+    if np.ptp(y) == 0.0:
         return False
     design = np.stack([t**n for n in range(4)], axis=-1)
     slope = np.linalg.pinv(design)[1]  # (n,) 1/s

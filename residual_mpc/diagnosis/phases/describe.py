@@ -71,14 +71,14 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     """The records of what was found."""
     found, of, supports = validated.gaps, validated.explanation, validated.supports
     helps, final, settings = found.helps, of.final, validated.options.settings
-    verdict, share = validated.verdict, found.verdict[1]
+    verdict, share = validated.verdict, validated.judged.verdict[1]
     # a slow effect hardly shows in the headline's gap: what is left counts where the gap is clearest
     usual = validated.usual
     unexplained = judged_share(clearest(usual.looks)) if helps else share
     beats = beats_forecast(usual.looks[0], usual.constant_velocity)
     judged = verdict if validated.without is None else usual.verdict[0]
     certain = partial(most_sure, judged, unexplained, _times_floor(usual), beats, settings=settings)
-    most = settings.causes.coarse if found.coarse else 1.0
+    most = settings.causes.coarse if validated.judged.coarse else 1.0
     sure = {t: min(certain(standing=_stands(t, s)), most) for t, s in supports.items()}
     weak = doubts(supports, extras.rest, settings=settings)
     doubt = {t: d * steadiness(t, validated.varying, settings) for t, d in weak.items()}
@@ -93,7 +93,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     if helps:
         causes = causes_of(of, share, sure, supports, doubt, refitted, settings=settings, varying=validated.varying)
     looked_at = candidates(of.rivalry, of.base, final, shared(sure, groups), of.left_out, every_doubt) if helps else ()
-    if verdict == "effects" and not found.told and not _likely(causes, looked_at, groups):
+    if verdict == "effects" and not validated.judged.told and not _likely(causes, looked_at, groups):
         verdict = "partial"  # a gap that is small anyway confirms nothing
     run, unlike = validated.odd, validated.unlike.document(of.raw.horizon)
     odd = None if run is None else run.document(of.raw.runs[run.run].name, of.raw.horizon)
@@ -101,7 +101,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
         robot=of.space.robot.name,
         verdict=verdict,
         held_out=of.kept if of.held.any() else (),
-        gap=found.figures(),
+        gap=replace(found.figures(), new_readings=None if validated.fresh is None else validated.fresh.figures()),
         expected=of.expected if helps else None,
         achieved=validated.achieved,
         stages=extras.stages,

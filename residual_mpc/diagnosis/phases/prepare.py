@@ -10,7 +10,7 @@ from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.gap import Scales, measure_scales, per_window, still_channels
 from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held_out_mask
 from residual_mpc.diagnosis.data.left_out import unfit, untold, without, without_unfit
-from residual_mpc.diagnosis.data.outliers import Outliers, find_outliers
+from residual_mpc.diagnosis.data.outliers import Outliers, find_outliers, with_outliers_removed
 from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.data.stale import with_stale
 from residual_mpc.diagnosis.data.subsampling import evenly, thin_whole
@@ -25,7 +25,7 @@ from residual_mpc.diagnosis.predict.horizons import (
     windows_over,
 )
 from residual_mpc.diagnosis.predict.longer_steps import quickened
-from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
+from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
@@ -99,7 +99,7 @@ def prepare(given: DiagnosisInput, rng: np.random.Generator, progress: Progress)
     if not used.all():
         raw, clean, held = raw.take(used), clean.take(used), held[used]
     past = settings.data.unknown_past
-    unknown = runs_with_unknown_past(raw, past)
+    unknown = runs_with_unknown_past(clean, past)
     free = after_unknown_past(raw, _fit_for(raw, ~held), unknown, past)
     asked = (options.only, options.without, options.without_because)
     space = build_space(clean.take(free), given.tunable, *asked, still_channels(raw, scales))

@@ -2,12 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import per_window
 from residual_mpc.diagnosis.data.left_out import across, unfit
+from residual_mpc.diagnosis.data.stale import any_slow
+from residual_mpc.diagnosis.data.unknown_past import runs_with_unknown_past, soon_after_unknown_past
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.refine import Refined
 from residual_mpc.diagnosis.results.conditions import one_run
@@ -31,12 +34,14 @@ from residual_mpc.models.settings import Term
 
 @dataclass(frozen=True, eq=False)
 class Validated:
-    """gaps: those of the explanation, over every horizon, and whether it helps; achieved: the shrink on the held-out
-    windows, None where nothing helps; supports: of each effect; varying: the effects whose size is not steady. odd: the
-    run that is unlike all others, if there is one; unlike: stretches that are unlike everything else. without: the gaps
-    without these and the incidents of the logs, if there are any."""
+    """gaps: those of the explanation, over every horizon, and whether it helps; fresh: without what slow sensors
+    repeat, None where no sensor is slow; achieved: the shrink on the held-out windows, None where nothing helps;
+    supports: of each effect; varying: the effects whose size is not steady. odd: the run that is unlike all others, if
+    there is one; unlike: stretches that are unlike everything else. without: the gaps without these and the incidents
+    of the logs, if there are any."""
 
     gaps: ExplanationGaps
+    fresh: ExplanationGaps | None
     achieved: Shrink | None
     supports: Mapping[Term, Support]
     options: Options
@@ -46,9 +51,14 @@ class Validated:
     without: ExplanationGaps | None = None
 
     @property
+    def judged(self) -> ExplanationGaps:
+        """What the verdict is about: of a slow sensor its new readings alone."""
+        return self.gaps if self.fresh is None else self.fresh
+
+    @property
     def usual(self) -> ExplanationGaps:
         """What tells how sure the causes are: neither an incident nor a run that is unlike all others does."""
-        return self.gaps if self.without is None else self.without
+        return self.judged if self.without is None else self.without
 
     @property
     def explanation(self) -> FittedExplanation:
@@ -59,7 +69,7 @@ class Validated:
     def verdict(self) -> Verdict:
         """What the gaps say; however small a gap, it is explained in part where an effect follows another law than its
         own."""
-        found, _ = self.gaps.verdict
+        found, _ = self.judged.verdict
         return "partial" if found == "effects" and any(v.by_state for v in self.varying.values()) else found
 
     @property
@@ -74,23 +84,26 @@ def validate(refined: Refined, rng: np.random.Generator, progress: Progress) -> 
     """From here on nothing is fitted to change the explanation."""
     progress("evaluating on the held-out windows", 0.67)
     options, longer, settings = refined.options, refined.longer, refined.options.settings
-    gaps = measure_gaps(refined.explanation, longer, options.final_steps, rng, settings=settings)
-    odd = one_run(gaps)
-    unlike = _unlike(gaps, settings)
+    measure = partial(measure_gaps, steps=options.final_steps, rng=rng, settings=settings)
+    judged, fresh, seen = refined.explanation, None, longer
+    if any_slow(judged.raw):
+        judged, seen = judged.of_new_readings(), tuple(look.of_new_readings() for look in longer)
+        fresh = measure(judged, seen)
+    gaps = measure(refined.explanation, longer, judged=fresh)
+    odd, unlike = one_run(fresh or gaps), _unlike(fresh or gaps, settings)
     if not gaps.helps:
-        return Validated(gaps, None, {}, options, odd=odd, unlike=unlike)
+        return Validated(gaps, fresh, None, {}, options, odd=odd, unlike=unlike)
     of, without = gaps.of, None
     keep = _usual(of.raw, odd, unlike)
     if keep.any() and not keep.all():
-        rest = ((look, _usual(look.raw, odd, unlike)) for look in longer)
-        longer = tuple(look.take(mask) for look, mask in rest if mask.any())
-        usual = refined.explanation.take(keep)
-        without = measure_gaps(usual, longer, options.final_steps, rng, settings=settings)
+        rest = ((look, _usual(look.raw, odd, unlike)) for look in seen)
+        seen = tuple(look.take(mask) for look, mask in rest if mask.any())
+        without = measure(judged.take(keep), seen)
     before, after = gaps.errors["before"], gaps.errors["after"]
     achieved = shrink_of(of.raw.take(of.test), of.scales, before[of.test], after[of.test], rng, settings=settings)
-    judged = gaps if without is None else without
-    supports = support_of(judged.of, longer, judged.looks, settings=settings)
-    return Validated(gaps, achieved, supports, options, variations(judged.of, settings), odd, unlike, without)
+    usual = without or fresh or gaps
+    supports = support_of(usual.of, seen, usual.looks, settings=settings)
+    return Validated(gaps, fresh, achieved, supports, options, variations(usual.of, settings), odd, unlike, without)
 
 
 def _unlike(gaps: ExplanationGaps, settings: ResultSettings) -> Unlike:
@@ -99,6 +112,8 @@ def _unlike(gaps: ExplanationGaps, settings: ResultSettings) -> Unlike:
     if gaps.verdict[0] == "no_gap":
         return Unlike()
     left = np.sqrt(per_window(of.raw, of.scales, gaps.errors["after" if gaps.helps else "before"]))
+    past = settings.data.unknown_past
+    left[soon_after_unknown_past(of.raw, runs_with_unknown_past(of.raw, past), past)] = np.nan  # the past made these
     found = unlike_the_rest(of.raw, left, settings.aside, floor_of_each(of.after_data, of.scales, gaps.floors))
     stretches = joined_stretches(of.aside, found.stretches)
     there = across(of.raw, stretches)

@@ -9,9 +9,11 @@ from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset, window_s
 from residual_mpc.diagnosis.data.gap import Scales, gap_of, measure_scales
 from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.data.left_out import telling, unfit, unfit_spans, untold, without
+from residual_mpc.diagnosis.data.outliers import with_outliers_removed
+from residual_mpc.diagnosis.data.stale import without_repeats
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
-from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
+from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
@@ -39,6 +41,10 @@ class HorizonWindows:
     def take(self, keep: np.ndarray) -> "HorizonWindows":
         """The windows of `raw` where the mask (W,) is true."""
         return replace(self, raw=self.raw.take(keep), clean=self.clean.take(keep), held=self.held[keep])
+
+    def of_new_readings(self) -> "HorizonWindows":
+        """Without what slow sensors repeat."""
+        return replace(self, raw=without_repeats(self.raw))
 
     @property
     def test(self) -> np.ndarray:

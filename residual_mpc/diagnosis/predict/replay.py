@@ -8,7 +8,6 @@ import numpy as np
 from residual_mpc.diagnosis.data.dataset import Block, Dataset
 from residual_mpc.diagnosis.data.local_fit import local_fits
 from residual_mpc.diagnosis.data.logged_columns import at_starts
-from residual_mpc.diagnosis.data.signals import Signal, Signals
 from residual_mpc.diagnosis.predict.readings import LocalValue, Reading, reading_of
 from residual_mpc.effects.library import changes, present
 from residual_mpc.effects.ops import NUMPY
@@ -302,19 +301,3 @@ def _local(data: Dataset, block: Block, channel: str, shift: np.ndarray) -> Loca
     fit = local_fits(signal, np.tile(data.run[block.where], len(distinct)), query)
     found = (fit.value(signal.y), fit.slope(signal.y), fit.curvature(signal.y))
     return LocalValue(*(x.reshape(distinct.shape)[back.ravel()] for x in found))
-
-
-def with_outliers_removed(data: Dataset, flagged: Mapping[tuple[int, str], np.ndarray]) -> Dataset:
-    """The dataset without the flagged samples. flagged[run, channel]: (n,) bool over that signal's samples."""
-    signals = dict(data.signals)
-    y = data.y.copy()
-    for (i, c), mask in flagged.items():
-        if not mask.any():
-            continue
-        s = signals[i, c]
-        bad = s.t[mask]
-        signals[i, c] = Signal(s.t[~mask], s.y[~mask])
-        for w in np.flatnonzero(data.run == i):
-            hit = np.isin(np.round(data.t[w] + data.start[w], 9), np.round(bad, 9))
-            y[w, hit, data.channels.index(c)] = np.nan
-    return replace(data, signals=Signals(signals), y=y)

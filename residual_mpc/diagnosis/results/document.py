@@ -6,7 +6,7 @@ from typing import Any
 
 from residual_mpc.diagnosis.laws.figures import FittedLaw
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
-from residual_mpc.diagnosis.results.records import Diagnosis, Estimate
+from residual_mpc.diagnosis.results.records import Diagnosis, Estimate, GapFigures
 from residual_mpc.effects.laws import published
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.model_file import DIAGNOSIS_SCHEMA, MODEL_SCHEMA
@@ -44,6 +44,7 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
             "step_error": d.gap.step_error,
             "own_step": d.gap.own_step,
             "blinded": d.gap.blinded,
+            "new_readings": None if d.gap.new_readings is None else _new_readings(d.gap.new_readings),
         },
         "shrink": shrink,
         "where": {
@@ -110,6 +111,17 @@ def to_model(d: Diagnosis) -> dict[str, Any]:
         "robot": d.robot,
         "values": _rows(d.values),
         "leaves_out_outliers": outliers,
+    }
+
+
+def _new_readings(gap: GapFigures) -> dict[str, Any]:
+    return {
+        "nominal": gap.nominal,
+        "before": gap.before,
+        "after": gap.after,
+        "noise_floor": gap.noise_floor,
+        "windows": gap.windows,
+        "horizons": [h.document() for h in gap.horizons],
     }
 
 

@@ -9,6 +9,7 @@ from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales
 from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.data.outliers import Outliers
+from residual_mpc.diagnosis.data.stale import without_repeats
 from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.predict.space import Space
@@ -71,6 +72,10 @@ class FittedExplanation:
         return replace(
             self, raw=self.raw.take(keep), clean=self.clean.take(keep), held=self.held[keep], free=self.free[keep]
         )
+
+    def of_new_readings(self) -> "FittedExplanation":
+        """Judged without what slow sensors repeat."""
+        return replace(self, raw=without_repeats(self.raw))
 
     @property
     def space(self) -> Space:

@@ -32,7 +32,6 @@ from residual_mpc.diagnosis.results.own_step import Seen, only_the_step
 from residual_mpc.diagnosis.results.quantiles import quantiles
 from residual_mpc.diagnosis.results.records import GapFigures, HorizonFigures
 from residual_mpc.diagnosis.results.settings import ResultSettings
-from residual_mpc.diagnosis.results.slow_sensors import beyond_noise_when_fresh
 from residual_mpc.diagnosis.results.verdict import (
     HorizonGaps,
     Verdict,
@@ -153,8 +152,10 @@ def measure_gaps(
     steps: int,
     rng: np.random.Generator,
     settings: ResultSettings,
+    judged: ExplanationGaps | None = None,
 ) -> ExplanationGaps:
-    """Opens the held-out windows. steps: see `floor_draws`."""
+    """Opens the held-out windows. steps: see `floor_draws`; judged: the gaps of the new readings of slow sensors, which
+    say whether there is a gap and what helps."""
     rows = of.space.settings([{}, of.base.values, of.final.values])
     nominal, before, _ = predict(of.raw, rows)
     after = predict(of.after_data, rows)[2]
@@ -170,6 +171,8 @@ def measure_gaps(
         of.raw, scales, errors["after" if helps else "before"], of.raw.y - forecast, usual, settings=settings
     )
     helps = helps and not useless
+    if judged is not None:
+        helps, useless = judged.helps, judged.useless
     row = rows.take(np.array([2 if helps else 1]))
     noise = _noise(of, longer, row, settings=settings)
     raw, seen = replace(of.raw, noise=noise), replace(of.after_data, noise=noise)
@@ -184,17 +187,18 @@ def measure_gaps(
     # beyond the noise on all windows, and on the very windows that the figures are printed for
     whole = (raw, errors["before"]) if jumps else _nominal_errors(of.clean, rows)
     horizons = [Seen(whole[0], whole[1], scales, everywhere)]
-    base = rows.take(np.array([1]))
     anywhere = horizons[0].beyond_noise(settings) and beyond_luck(looks[0].before, floor)
-    anywhere = anywhere or (not jumps and beyond_noise_when_fresh(of, noise, base, row, rng, settings=settings))
     for look in longer:
         more, all_before, all_floor = _longer(of, look, rows, row, noise, rng, jumps, unknown, settings=settings)
         if all_floor.total < FORETOLD:
             looks.append(more)
             horizons.append(Seen(all_before[0], all_before[1], look.scales, all_floor))
             anywhere = anywhere or horizons[-1].beyond_noise(settings)
-    stepping = anywhere and only_the_step(horizons, base, settings=settings)
+    stepping = anywhere and only_the_step(horizons, rows.take(np.array([1])), settings=settings)
     anywhere = anywhere and not stepping
+    blinded = not anywhere and not stepping and bool(floor.total > np.fmax(steady, settings.gaps.useless))
+    if judged is not None:
+        anywhere, stepping, blinded = judged.anywhere, judged.stepping, judged.blinded
     helps = helps and anywhere  # nothing to explain is no gap, whatever fits better
     return ExplanationGaps(
         replace(of, raw=raw, clean=replace(of.clean, noise=noise)),
@@ -210,7 +214,7 @@ def measure_gaps(
         steady,
         step_error(of.raw, scales, row, settings=settings.data),
         stepping,
-        not anywhere and not stepping and bool(floor.total > np.fmax(steady, settings.gaps.useless)),
+        blinded,
     )
 
 

@@ -48,7 +48,8 @@ class GapFigures:
     """Gaps on the held-out windows, unitless; channels: name -> (before, after, noise floor); horizons: the same over
     each horizon; constant_velocity: the gap of a forecast that knows no model; step_error: that of the
     model's time step, None where it has none; own_step: whether that is all that is beyond the noise; blinded: whether
-    the sensors' noise alone makes a perfect model worse than that forecast."""
+    the sensors' noise alone makes a perfect model worse than that forecast; new_readings: the same without what slow
+    sensors repeat, None where no sensor is slow."""
 
     nominal: float
     before: float
@@ -64,6 +65,7 @@ class GapFigures:
     step_error: float | None
     own_step: bool
     blinded: bool
+    new_readings: "GapFigures | None" = None
 
 
 @dataclass(frozen=True)

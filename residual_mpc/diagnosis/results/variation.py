@@ -15,6 +15,7 @@ import numpy as np
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales, fit_trust
 from residual_mpc.diagnosis.data.subsampling import evenly
+from residual_mpc.diagnosis.data.unknown_past import after_unknown_past, runs_with_unknown_past
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import Fit, on_problem
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
@@ -67,12 +68,15 @@ class _Scores:
 
 
 def variations(of: FittedExplanation, settings: ResultSettings) -> dict[Term, Variation]:
-    """The named effects whose size is not steady, tested on windows of the headline's horizon, held-out ones included;
-    long logs are thinned evenly."""
+    """The named effects whose size is not steady, tested on windows of the headline's horizon, held-out ones included,
+    those soon after an unknown past not; long logs are thinned evenly."""
     terms = [t for t in of.final.terms if not is_law(t.effect) and size_knobs(of.final.values, t)]
     if not terms:
         return {}
-    data = of.clean.take(evenly(of.clean, settings.variation.steps, settings=settings.data))
+    clean, past = of.clean, settings.data.unknown_past
+    unknown = runs_with_unknown_past(clean, past)
+    clean = clean.take(after_unknown_past(clean, np.ones(clean.count, dtype=bool), unknown, past))
+    data = clean.take(evenly(clean, settings.variation.steps, settings=settings.data))
     problem = build_problem(data, of.space, 1.0 / of.problem.weight, settings=settings.predict)
     trust = fit_trust(data, of.scales, data.y - problem.replays([of.final.values])[0], settings=settings.data)
     problem = problem if (trust == 1.0).all() else replace(problem, count=trust)

@@ -9,8 +9,8 @@ from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of, measure_scales, per_window
 from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held_out_mask
 from residual_mpc.diagnosis.data.left_out import unfit, without
-from residual_mpc.diagnosis.data.outliers import find_outliers
-from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
+from residual_mpc.diagnosis.data.outliers import find_outliers, with_outliers_removed
+from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.learning.forms.form import Form
 from residual_mpc.learning.forms.residual_robot import with_residual
 from residual_mpc.learning.network.residual import Residual

@@ -8,7 +8,7 @@ from residual_mpc.report.evidence.held_out import held_out
 from residual_mpc.report.figures.windows import spread
 from residual_mpc.report.sections.horizons import channel_rows, horizon_rows
 from residual_mpc.report.sections.section import Document, Section, render
-from residual_mpc.report.words.gaps import few_windows, horizons_of, seen_horizons
+from residual_mpc.report.words.gaps import few_windows, horizons_of, new_readings_line, seen_horizons
 from residual_mpc.report.words.numbers import listed, number
 
 FEW = 8  # windows, below which their spread says nothing
@@ -23,6 +23,7 @@ def gap(document: Document, evidence: Evidence) -> Section:
     body = render(
         "sections/gap.html.jinja",
         dominated=next((text for row in horizons_of(figures) if (text := few_windows(row, explained))), ""),
+        new_readings=new_readings_line(figures, explained),
         rows=rows if len(rows) > 1 or rows[0].quantiles else [],
         seen=listed([f"{number(h)} s" for h in seen_horizons(horizons_of(figures))] or [""]),
         gap=figures,

@@ -42,6 +42,16 @@ def horizon_line(gap: Gap, explained: bool) -> str:
     return f"gap at {number(gap['horizon'])} s: {retuned}{first}{arrow} (noise floor {floor}){windows}{seen}"
 
 
+def new_readings_line(gap: Gap, explained: bool) -> str:
+    """The gap without what a slow sensor repeats; empty where none does."""
+    new = gap.get("new_readings")
+    if not new:
+        return ""
+    arrow = f" -> {number(last_of(new) or 0.0)}" if explained else ""
+    figures = f"{number(first_of(new))}{arrow} (noise floor {number(new['noise_floor'], 2)})"
+    return f"without the readings that slow sensors repeat, the gap at {number(gap['horizon'])} s: {figures}"
+
+
 def window_gaps(gap: Gap, last: bool) -> Mapping[str, Any] | None:
     """The quantiles p50, p90 and max of the windows' own gaps, of the first or the last model, and the window of the
     largest where that is told; None where nothing is."""

@@ -23,6 +23,7 @@ ADDED = ("delay", "lag", "friction", "payload", "bias", "armature", "slope")
 
 def sentence(document: Mapping[str, Any]) -> str:
     """The verdict of diagnosis.json in one sentence. Raises KeyError for a verdict that there is not."""
+    document = _of_new_readings(document)
     say = {"no_gap": _no_gap, "effects": _effects, "partial": _partial, "unknown": _unknown}
     return say[document["verdict"]](document)
 
@@ -37,6 +38,15 @@ def unseen(held_out: Sequence[Any]) -> str:
     if not held_out:
         return "the runs used in the fit"
     return "held-out runs" if all(isinstance(part, str) for part in held_out) else "held-out parts of the runs"
+
+
+def _of_new_readings(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    """With the figures of a slow sensor's new readings, which the verdict is about, where one is slow."""
+    new = document["gap"].get("new_readings")
+    if not new:
+        return document
+    value = 1.0 - new["after"] / max(new["before"], 1e-12)
+    return {**document, "gap": {**document["gap"], **new}, "shrink": {"value": value} if document["shrink"] else None}
 
 
 def _no_gap(document: Mapping[str, Any]) -> str:
@@ -131,7 +141,8 @@ def _achieved(document: Mapping[str, Any]) -> str:
     longer = _over_longer(document, shrink or 0.0)
     if shrink is None or shrink <= 0.0:
         return f"does not reduce the gap on {where}{longer}"
-    return f"removes {percent(shrink)} of the gap on {where}{longer}"
+    what = "the gap of the new readings" if document["gap"].get("new_readings") else "the gap"
+    return f"removes {percent(shrink)} of {what} on {where}{longer}"
 
 
 def _over_longer(document: Mapping[str, Any], shrink: float) -> str:
