@@ -10,6 +10,7 @@ import numpy as np
 
 from residual_mpc.effects.phrase import called
 from residual_mpc.errors import BadInput
+from residual_mpc.init.calibration.mixed_units import refuse_mixed_units
 from residual_mpc.init.calibration.servos import find_gains, find_kinds
 from residual_mpc.init.calibration.signs import SignAndZero, find_signs, true_values
 from residual_mpc.init.calibration.units import UnitGuess, find_units
@@ -77,7 +78,7 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
     """Guess what the robot file of a model and its runs should say.
 
     Raises BadInput for a model that does not compile, runs that cannot be read, runs without a time, and runs of which
-    no column can be a command, or none a measurement.
+    no column can be a command, or none a measurement, or a column has different units in different runs.
     """
     structure = read_model_structure(model)
     recordings = read_recordings(paths)
@@ -93,6 +94,7 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
 
     whole, case = case, where_on(case, roles)
     kinds, kind_guesses = find_kinds(case, roles)
+    refuse_mixed_units(case, recordings, clock, roles, kinds)
     units = find_units(case, roles, kinds)
     turned, offsets = find_signs(case, roles, units, kinds)
     mends = (*clock.mends, *_mends(case, roles, units, turned), *heading_in_degrees(signals, roles))

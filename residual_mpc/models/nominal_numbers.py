@@ -9,9 +9,12 @@ import warnings
 from collections.abc import Mapping
 from typing import Any
 
+from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
 
 KEY = "nominal"  # of a model file: number by name
+SITE = "payload_site."  # begins the names of the three coordinates of where a payload is held
+PAYLOAD = "payload"  # the effect that they matter to
 SAME = 1e-6  # relative difference up to which two numbers are the same
 NAMED = 3  # differences that a warning spells out
 
@@ -21,17 +24,21 @@ class OtherNominal(UserWarning):
 
 
 def nominal_numbers(robot: Robot) -> dict[str, float]:
-    """The robot's nominal parameters by name, in the units of its model file."""
-    return {name: float(value) for name, value in robot.nominal().items() if math.isfinite(value)}
+    """The robot's nominal parameters by name, in the units of its model file, and where its payload site is, m."""
+    out = {name: float(value) for name, value in robot.nominal().items() if math.isfinite(value)}
+    place = optional.payload_place(robot)
+    return out if place is None else out | {f"{SITE}{k}": x for k, x in zip("xyz", place, strict=True)}
 
 
 def differences(model: Mapping[str, Any], robot: Robot) -> dict[str, tuple[float | None, float | None]]:
     """The nominal numbers that differ, (when the model was made, now); None where a number is absent. Empty for a model
-    file that does not state them."""
+    file that does not state them. The place of the payload site matters to a payload alone."""
     then = model.get(KEY)
     if not isinstance(then, Mapping):
         return {}
     now = nominal_numbers(robot)
+    if not (_has_payload(model) and any(name.startswith(SITE) for name in then)):
+        then, now = ({k: v for k, v in these.items() if not k.startswith(SITE)} for these in (then, now))
     return {name: (then.get(name), now.get(name)) for name in then.keys() | now.keys() if _differ(then, now, name)}
 
 
@@ -52,11 +59,15 @@ def warn_of_differences(model: Mapping[str, Any], robot: Robot, where: str) -> N
         )
 
 
+def _has_payload(model: Mapping[str, Any]) -> bool:
+    return any(isinstance(v, Mapping) and v.get("effect") == PAYLOAD for v in model.get("values") or ())
+
+
 def _differ(then: Mapping[str, Any], now: Mapping[str, float], name: str) -> bool:
     a, b = then.get(name), now.get(name)
     if not isinstance(a, int | float) or b is None:
         return True
-    return not math.isclose(a, b, rel_tol=SAME, abs_tol=0.0)
+    return not math.isclose(a, b, rel_tol=SAME, abs_tol=1e-9 if name.startswith(SITE) else 0.0)
 
 
 def _told(number: Any) -> str:

@@ -140,6 +140,14 @@ class HeldJoints(Protocol):
 
 
 @runtime_checkable
+class PayloadPlace(Protocol):
+    @property
+    def payload_place(self) -> tuple[float, float, float]:
+        """Where the payload site is in the model's reference configuration, m in its world."""
+        ...
+
+
+@runtime_checkable
 class Period(Protocol):
     @property
     def period(self) -> float:
@@ -265,6 +273,12 @@ def held_joints(robot: Robot) -> tuple[str, ...]:
     """Joints that the model holds where they start; by default none."""
     robot = innermost(robot)
     return robot.held_joints if isinstance(robot, HeldJoints) else ()
+
+
+def payload_place(robot: Robot) -> tuple[float, float, float] | None:
+    """Where the payload site is in the model's reference configuration, m in its world; by default None."""
+    robot = innermost(robot)
+    return robot.payload_place if isinstance(robot, PayloadPlace) else None
 
 
 def period(robot: Robot) -> float:

@@ -105,3 +105,20 @@ def test_the_command_line_warns_in_one_line(arm: Path, tmp_path: Path, capsys: p
     assert end.value.code in (0, None)
     assert lines and all(line.startswith("warning: ") for line in lines)
     assert len(lines) == 1
+
+
+def test_a_payload_at_another_site_is_told(arm: Path, tmp_path: Path) -> None:
+    """It is held 5 cm further out; a model without a payload does not mind."""
+    load = {"effect": "payload", "target": None, "parameter": "mass", "value": 0.4}
+    robot = rm.load_robot(arm).model
+    made = {"schema": "residual-mpc/model/1", "robot": "arm", "nominal": nominal_numbers(robot)}
+    moved = arm.read_text().replace('<site name="tool" pos="', '<site name="tool" pos="0.05 ', 1)
+    x = float(moved.split('<site name="tool" pos="0.05 ')[1].split()[0])
+    arm.write_text(moved.replace(f'pos="0.05 {moved.split("0.05 ")[1].split()[0]}', f'pos="{x + 0.05}', 1))
+    for values, warned in (([load], True), ([GAIN], False)):
+        (tmp_path / "given.json").write_text(json.dumps({**made, "values": values}))
+        said = told(arm, tmp_path / "given.json")
+        assert bool(said) == warned
+        assert not warned or "payload_site.x was" in said[0]
+    older = {k: v for k, v in made["nominal"].items() if not k.startswith("payload_site.")}
+    assert not differences({"values": [load], "nominal": older}, rm.load_robot(arm).model)

@@ -142,6 +142,31 @@ def test_the_usual_controller_of_a_robot_with_a_held_joint_tracks_the_others(tmp
     assert x[0] == pytest.approx(0.3, abs=5e-3)
 
 
+FINGERS = "".join(
+    f'''<link name="{n}"><inertial><origin xyz="0 0.01 0.02"/><mass value="0.12"/>
+<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="{n}" type="prismatic"><parent link="hand"/><child link="{n}"/><origin xyz="0 {y} 0.03"/><axis xyz="0 1 0"/>
+<limit lower="0" upper="0.03" effort="5" velocity="0.1"/>{mimic}</joint>'''
+    for n, y, mimic in (("left", 0.02, ""), ("right", -0.02, '<mimic joint="left"/>'))
+)
+HAND = """<link name="hand"><inertial><mass value="0.3"/>
+<inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="mount" type="fixed"><parent link="lower"/><child link="hand"/><origin xyz="0 0 0.1"/></joint>"""
+
+
+@pytest.mark.parametrize("site", [None, "hand"])
+def test_a_payload_in_a_gripper_whose_body_is_fused_away_stays_where_it_is(tmp_path: Path, site: str | None) -> None:
+    """Without its joint, a finger of a URDF is one body with the link that holds the hand."""
+    path = tmp_path / "arm.urdf"
+    path.write_text(arm_urdf(("j1", "j2"), -3.0, 3.0).replace("</robot>", f"{HAND}{FINGERS}</robot>"))
+    servos = {j: Actuator("position", 80.0, 4.0) for j in ("j1", "j2")}
+    robot = build(RobotFile("arm", "mujoco", model=path, actuators=servos, held=("left",), payload_site=site))
+    model = augment(robot, {Knob("payload", None, "mass"): 0.4}, None, Build(DT))
+    assert model.stepped.commands == ("j1", "j2")
+    assert "position.left" not in model.stepped.states
+    assert moving_apart(model, np.random.default_rng(0)) < 2e-3
+
+
 def test_a_coupling_of_a_driven_joint_is_refused(tmp_path: Path) -> None:
     coupled = panda_mjcf().replace('joint1="finger_joint1" joint2="finger_joint2"', 'joint1="joint6" joint2="joint7"')
     assert coupled != panda_mjcf()

@@ -111,6 +111,16 @@ class CompiledRobot:
         return frozenset(j for j, kind in zip(self.joints, types.tolist(), strict=True) if kind == slide)
 
     @cached_property
+    def payload_place(self) -> tuple[float, float, float]:
+        """Where the payload site is in the model's reference configuration (qpos0), m in its world."""
+        import mujoco
+
+        data, (body, place) = mujoco.MjData(self.model), self.payload
+        mujoco.mj_kinematics(self.model, data)
+        x, y, z = (data.xpos[body] + data.xmat[body].reshape(3, 3) @ place).tolist()
+        return x, y, z
+
+    @cached_property
     def limits(self) -> Mapping[str, tuple[float, float]]:
         """Range of each joint that has one, rad or m."""
         m = self.model

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plants.mujoco_robot.edits.masses import quat_to_matrix
 from plants.mujoco_robot.loading.compile import prepared
 from plants.mujoco_robot.loading.held import held_joints
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
@@ -15,6 +16,8 @@ from residual_mpc.models.settings import Settings
 
 if TYPE_CHECKING:
     import mujoco
+
+PAYLOAD = "residual_mpc.payload"  # name of the site that marks its place
 
 
 def rigid_joints(robot: CompiledRobot) -> tuple[str, ...]:
@@ -47,9 +50,24 @@ def with_rigid_joints(robot: CompiledRobot, settings: Settings) -> tuple[Compile
         spec.delete(element)
     for name in names:
         spec.delete(spec.joint(name))
-    rigid = replace(robot, model=prepared(spec.compile()), spec=spec, loops=None)
+    _mark_payload(robot, spec)
+    model = prepared(spec.compile())
+    site = model.site(PAYLOAD)
+    payload, axes = (int(site.bodyid[0]), site.pos.copy()), quat_to_matrix(site.quat)
+    rigid = replace(robot, model=model, spec=spec, loops=None, payload=payload, payload_axes=axes)
     left_out = f"{_listed(names)}: fixed in the step, at the model's reference configuration (qpos0)"
     return rigid, _on(robot, rigid, settings), (left_out,)
+
+
+def _mark_payload(robot: CompiledRobot, spec: "mujoco.MjSpec") -> None:
+    """A site where the payload is: without its joint, the body that holds it may be fused with another one."""
+    import mujoco
+
+    body, place = robot.payload
+    name, quat = robot.model.body(body).name, np.empty(4)
+    mujoco.mju_mat2Quat(quat, robot.payload_axes.ravel())
+    holds = spec.body(name) if name else spec.bodies[body]
+    holds.add_site(name=PAYLOAD, pos=place, quat=quat)
 
 
 def _coupled(model: "mujoco.MjModel") -> set[int]:

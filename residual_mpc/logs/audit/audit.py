@@ -12,6 +12,7 @@ from residual_mpc.logs.audit.jumps import check_jumps
 from residual_mpc.logs.audit.pairing import check_pairing
 from residual_mpc.logs.audit.ranges import check_ranges
 from residual_mpc.logs.audit.rates import check_rates
+from residual_mpc.logs.audit.single_runs import check_single_runs
 from residual_mpc.logs.audit.stamps import check_stamps
 from residual_mpc.logs.audit.stops import check_stops
 from residual_mpc.logs.audit.values import check_values
@@ -21,7 +22,7 @@ from residual_mpc.logs.run import Run
 Check = Callable[[Sequence[Run], RobotFacts], list[Finding]]
 CHECKS: tuple[Check, ...] = (
     check_stamps, check_channels, check_values, check_ranges, check_jumps, check_incidents, check_pairing, check_rates,
-    check_driving, check_stops,
+    check_driving, check_single_runs, check_stops,
 )  # fmt: skip
 RANK = {"error": 0, "warning": 1, "info": 2}
 

@@ -122,7 +122,8 @@ def _swaps(
                     None,
                     f"{a_column} follows command.{b.name} and {b_column} follows command.{a.name} (correlation"
                     f" {strength:.2f}), and neither follows its own ({neither:.2f}): the columns are swapped",
-                    f'under [log] in the robot file: "{a_column}" = "{b_column}" and "{b_column}" = "{a_column}"',
+                    f"exchange the columns that the two are read from under [log] in the robot file; without entries "
+                    f'there, add "{a_column}" = "{b_column}" and "{b_column}" = "{a_column}"',
                 )
             )
     return findings, swapped

@@ -18,6 +18,7 @@ from residual_mpc.logs.run import FloatArray, Run
 
 MARGIN = 0.02  # of the range: stops are soft, and zeros are a little off
 LASTING = 3  # samples in a row, so that outliers do not count
+FARTHEST = 100.0  # rad: a range that would be larger if its numbers were radians is not one in degrees
 FAR = 5.0  # times the range: such angles are in degrees, and that is said elsewhere
 DEGREES = 180.0 / np.pi  # in a radian
 Range = tuple[float, float]
@@ -127,7 +128,9 @@ def _is_far(stated: Range, reached: Range) -> bool:
 
 def _read_as_degrees(stated: Range, reached: Range) -> bool:
     """Whether an angle's range in rad holds what was reached if its numbers are read as radians: a model file gives
-    them in degrees unless it says otherwise."""
+    them in degrees unless it says otherwise. No joint turns that far where the range is one in radians."""
+    if max(abs(x) for x in stated) * DEGREES > FARTHEST:
+        return False
     return stated[0] * DEGREES <= reached[0] and reached[1] <= stated[1] * DEGREES
 
 

@@ -7,13 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from residual_mpc.logs.audit.facts import RobotFacts
-from residual_mpc.logs.audit.follow import align, clipped_deviations, follow, on_grid, position_on_grid
+from residual_mpc.logs.audit.follow import Follow, align, clipped_deviations, follow, on_grid, position_on_grid
 from residual_mpc.logs.columns import group, member
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.run import FloatArray, Run
 from residual_mpc.logs.signals import fresh_samples, noise_sigma
 
 REACH = 0.3  # s
+SHORT = 0.1  # s: a shift that a sensor or its filter may well have
 SURE = 0.9
 OFF = 0.15  # deviation of a slope from one that is worth a word
 DEGREES = 180.0 / np.pi
@@ -48,7 +49,7 @@ def _rate(name: str, rate_of: str, runs: Sequence[Run], dt: float) -> list[Findi
     seen = follow(rates, velocities, dt, REACH)
     if seen is None:
         return []
-    k = int(np.argmax(np.abs(seen.correlation)))
+    k = _likeliest(seen)
     strength, slope = float(seen.correlation[k]), float(seen.slope[k])
     if abs(strength) < SURE:
         return []
@@ -92,6 +93,14 @@ def _rate(name: str, rate_of: str, runs: Sequence[Run], dt: float) -> list[Findi
         )
     coarsest = max(_fresh_period(run, column) for run in moving for column in (name, rate_of))
     return findings + _out_of_step(name, rate_of, rates, velocities, dt, STEPS * max(dt, coarsest))
+
+
+def _likeliest(seen: Follow) -> int:
+    """The index of the shift at which a velocity is most like a rate, or its negative: a short one if it will do, since
+    a gait is like its negative half a period later."""
+    size = np.abs(seen.correlation)
+    short = np.where(np.abs(seen.lags) <= SHORT, size, 0.0)
+    return int(np.argmax(short if short.max() >= SURE else size))
 
 
 def _out_of_step(

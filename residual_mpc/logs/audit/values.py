@@ -78,22 +78,22 @@ def _beyond_limits(name: str, runs: Sequence[Run], robot: RobotFacts) -> list[Fi
         return _many_turns(name, runs, robot)
     low, high = robot.limits[member(name)]
     reach = max(abs(low), abs(high), high - low)
-    for run in runs:
-        far = float(np.nanquantile(np.abs(run.columns[name]), 0.9))
-        if _turns(name, robot) and reach > 0.0 and far > 5.0 * reach and far > TURN:
-            return [
-                Finding(
-                    "error",
-                    "degrees",
-                    run.name,
-                    name,
-                    None,
-                    f"{name} reaches {far:.4g}, beyond the joint range {low:.4g} to {high:.4g} rad: it is in degrees",
-                    "multiply position, velocity and command by pi / 180, or let `residual-mpc init` write corrected "
-                    "runs (--mended DIR)",
-                )
-            ]
-    return []
+    if not _turns(name, robot) or not reach > 0.0:
+        return []
+    fars = [float(np.nanquantile(np.abs(run.columns[name]), 0.9)) for run in runs]
+    beyond = [(run, far) for run, far in zip(runs, fars, strict=True) if far > 5.0 * reach and far > TURN]
+    if not beyond:
+        return []
+    run, far = beyond[0]
+    message = f"{name} reaches {far:.4g}, beyond the joint range {low:.4g} to {high:.4g} rad: it is in degrees"
+    remedy = "multiply position, velocity and command by pi / 180"
+    if len(beyond) == len(runs):
+        remedy += ", or let `residual-mpc init` write corrected runs (--mended DIR)"
+    else:
+        some = "this run" if len(beyond) == 1 else f"{len(beyond)} of {len(runs)} runs, this one first"
+        message += f" in {some}"
+        remedy += " there alone, or leave such runs out"
+    return [Finding("error", "degrees", run.name, name, None, message, remedy)]
 
 
 def _many_turns(name: str, runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
