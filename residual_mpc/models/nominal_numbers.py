@@ -9,12 +9,12 @@ import warnings
 from collections.abc import Mapping
 from typing import Any
 
+from residual_mpc.effects.body import PAYLOAD
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
 
 KEY = "nominal"  # of a model file: number by name
 SITE = "payload_site."  # begins the names of the three coordinates of where a payload is held
-PAYLOAD = "payload"  # the effect that they matter to
 SAME = 1e-6  # relative difference up to which two numbers are the same
 NAMED = 3  # differences that a warning spells out
 
@@ -60,7 +60,7 @@ def warn_of_differences(model: Mapping[str, Any], robot: Robot, where: str) -> N
 
 
 def _has_payload(model: Mapping[str, Any]) -> bool:
-    return any(isinstance(v, Mapping) and v.get("effect") == PAYLOAD for v in model.get("values") or ())
+    return any(isinstance(v, Mapping) and v.get("effect") == PAYLOAD.name for v in model.get("values") or ())
 
 
 def _differ(then: Mapping[str, Any], now: Mapping[str, float], name: str) -> bool:
