@@ -71,7 +71,8 @@ def _refined(prepared: Prepared, keep: Keeper, rng: np.random.Generator, progres
     terms, now = set(refined.explanation.final.terms), set(again.explanation.final.terms)
     if serving and terms - set(serving) == now:
         return refined  # what serves one stretch alone has not distorted the rest
-    return replace(again, explanation=replace(again.explanation, aside=aside, serving=serving))
+    alone = tuple(t for t in serving if t not in now)  # the rest shows what is still named
+    return replace(again, explanation=replace(again.explanation, aside=aside, serving=alone))
 
 
 def _refined_once(searched: Searched, rng: np.random.Generator, progress: Progress) -> Refined:

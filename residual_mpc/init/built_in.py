@@ -18,15 +18,14 @@ from residual_mpc.init.columns.time_column import Clock, find_clock, seconds
 from residual_mpc.init.columns.words import ColumnName, core_of, likeness
 from residual_mpc.init.draft import Draft, Unmatched, log_entries, run_guess
 from residual_mpc.init.roles.planar_pose import find_pose, heading_in_degrees, places_in_small_units
+from residual_mpc.init.roles.wheel_encoders import ALIKE, sides, turning_wheel, unused_columns
 from residual_mpc.logs.columns import group, is_measured, member
 from residual_mpc.models.load import load_robot
 from residual_mpc.models.robot_file import WHEELS, RobotFile
 
 HELD, FOLLOWED = 1.0, 0.8  # s over which motions are compared; correlation from which these tell the geometry
-ALIKE = 0.9  # likeness of a column's words to an actuator's or a joint's name
 BODY = ("command.linear", "command.angular")
 CONVERTED = "; it must be the base controller's, since the body velocity is converted to wheel speeds with it"
-SIDES = {"wl": "left", "lw": "left", "wr": "right", "rw": "right"}
 ANGLES = frozenset("position positions pos angle angles ang".split())  # words of columns that hold no ticks
 RADIANS = (None, "rad", "radian", "radians", "rads")
 SURE = 0.99  # correlation of odometry and wheel speeds above which the odometry determines the wheels' geometry
@@ -48,7 +47,7 @@ def draft_built_in(name: str, paths: Sequence[str | Path]) -> Draft:
     for key in wanted:
         guess = _column(key, signals, words, known) or _wheel_speed(key, guesses, signals, words)
         guesses += [] if guess is None else [guess]
-    guesses += _wheel_angles(model.channels, signals, words, known)
+    guesses += _wheel_angles(model.channels, guesses, signals, words, known)
     nominal = model.nominal()
     if set(WHEELS) <= set(nominal) and not any(g.what.startswith("command.") for g in guesses):
         sent = known if set(BODY) <= set(known) else _body_velocity(words)
@@ -81,7 +80,7 @@ def draft_built_in(name: str, paths: Sequence[str | Path]) -> Draft:
         (),
         (*clock.guesses, *run_guess(recordings), *guesses, *reasons),
         (*clock.mends, *mends),
-        tuple(Unmatched(n, f"{name} has nothing of this kind") for n in signals.names if n not in roles.values()),
+        unused_columns(name, roles, guesses, signals, words),
         _missing(wanted, roles),
         tuple(dict.fromkeys(note for r in recordings for note in r.notes)),
         parameters,
@@ -109,7 +108,7 @@ def _column(key: str, signals: Signals, words: Mapping[str, ColumnName], known: 
     if kind not in ("command", "position", "velocity"):
         return None
     core = core_of(member(key))
-    likely = {n: likeness(_sides(w), core) for n, w in words.items() if _is_kind(w, kind)}
+    likely = {n: likeness(sides(w), core) for n, w in words.items() if _is_kind(w, kind)}
     best = [n for n, alike in likely.items() if alike >= ALIKE and alike == max(likely.values())]
     if not best:
         return None
@@ -125,7 +124,7 @@ def _wheel_speed(key: str, guesses: Sequence[Guess], signals: Signals, words: Ma
         return None
     core = core_of(member(key))
     for name, w in words.items():
-        if w.commanded or w.quantity not in (None, "position") or likeness(_sides(w), core) < ALIKE:
+        if w.commanded or w.quantity not in (None, "position") or likeness(sides(w), core) < ALIKE:
             continue
         speed, angle = (signals.follows(command, name, answer_rate=rate, levels=True) for rate in (False, True))
         if speed.correlation > max(CLEAR, angle.correlation):
@@ -134,14 +133,21 @@ def _wheel_speed(key: str, guesses: Sequence[Guess], signals: Signals, words: Ma
 
 
 def _wheel_angles(
-    channels: Sequence[str], signals: Signals, words: Mapping[str, ColumnName], known: Mapping[str, str]
+    channels: Sequence[str],
+    guesses: Sequence[Guess],
+    signals: Signals,
+    words: Mapping[str, ColumnName],
+    known: Mapping[str, str],
 ) -> list[Guess]:
     """The columns of wheels' angles in rad, of which the model predicts the speeds alone."""
     found = []
+    free = {n: w for n, w in words.items() if n not in {g.value for g in guesses}}
     plain = {n: w for n, w in words.items() if set(w.every) & ANGLES and w.unit in RADIANS}
     for speed in (c for c in channels if group(c) == "velocity"):
         angle = f"position.{member(speed)}"
-        guess = None if angle in channels else _column(angle, signals, plain, known)
+        if angle in channels:
+            continue
+        guess = _column(angle, signals, plain, known) or turning_wheel(angle, guesses, signals, free)
         if guess is not None:
             found.append(replace(guess, why=f"{guess.why}; its speed is used where {speed} is not logged"))
     return found
@@ -156,11 +162,6 @@ def wheel_speeds_in_named_units(words: Mapping[str, ColumnName], roles: Roles) -
         if unit is not None and unit.size != 1.0:
             out.append(LogCorrection(column, unit.size, 0.0, f"its name says {unit.name}", 0.95))
     return tuple(out)
-
-
-def _sides(words: ColumnName) -> tuple[str, ...]:
-    """The core of a column's name, in which `wl` and `wr` are a left and a right wheel."""
-    return tuple(SIDES.get(w, w) for w in words.core)
 
 
 def _is_kind(words: ColumnName, kind: str) -> bool:

@@ -59,3 +59,14 @@ def test_one_effect_on_all_targets_stands_for_what_has_such_a_form(problem: Prob
     fit, rest = fit_all(problem, [{Knob(*t[:2], "torque"): 0.1 for t in joints}, {}], 0)
     (start,) = stand_ins(problem, rest, fit, joints, SearchSettings())
     assert start == {Knob("coulomb_friction", None, "torque"): pytest.approx(0.1)}
+
+
+def test_what_imitates_a_mass_begins_with_the_same_mass(problem: Problem) -> None:
+    """A probe of another size may be so heavy that predictions diverge."""
+    for one, other in ((LINKS[1], Term("payload", None)), (Term("payload", None), LINKS[1])):
+        found = {Knob(one.effect, one.target, "mass"): 0.0123}
+        fit, rest = fit_all(problem, [found, {}], 0)
+        starts = stand_ins(problem, rest, fit, (one,), SearchSettings())
+        masses = [start.get(Knob(other.effect, other.target, "mass")) for start in starts]
+        assert pytest.approx(0.0123) in masses
+        assert all(k.term != one for start in starts for k in start if k.parameter == "mass")

@@ -136,6 +136,21 @@ def test_an_effect_that_serves_one_stretch_alone_stays_if_the_rest_is_the_same_w
     assert found["unlike_the_rest"] is None
 
 
+def test_what_the_rest_shows_as_well_serves_no_stretch_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The track is named without the stretch too, so that it is not said to explain nothing else."""
+    stretch, terms = KeptBack("run1", 7.0, 9.0), (Term("track_width", None), Term("end_stop", "elbow"))
+    monkeypatch.setattr("residual_mpc.diagnosis.diagnose.unlike_in_fits", lambda *_: ((stretch,), terms))
+    (tmp_path / "robot.toml").write_text(ROBOT)
+    for k in range(3):
+        write_run(rover_run(f"run{k}", {"track_width": {"scale": 1.1}}, 16.0, seed=k), tmp_path)
+    robot = rm.load_robot(tmp_path / "robot.toml")
+    runs = rm.read_runs(robot, sorted(tmp_path.glob("run*.csv")))
+    found = rm.diagnose(robot, runs, only=("track_width", "wheel_radius")).document
+    assert [e["effect"] for e in found["explanation"]] == ["track_width"]
+    assert "end_stop [elbow] would explain it, and nothing else" in found["unlike_the_rest"]["note"]
+    assert "track_width" not in found["unlike_the_rest"]["note"]
+
+
 def test_what_would_explain_a_stretch_and_nothing_else_is_told() -> None:
     found = Unlike((KeptBack("r1", 7.0, 9.0),), 0.9, 0.03, (Term("end_stop", "elbow"),))
     document = found.document(1.0)

@@ -43,9 +43,21 @@ def test_wheels_places_and_units_are_found(tmp_path: Path) -> None:
     assert factors == pytest.approx({"mocap_yaw_deg": np.pi / 180, "mocap_x_mm": 1e-3, "mocap_y_mm": 1e-3})
 
 
-def test_encoders_that_count_angles_are_no_speeds(tmp_path: Path) -> None:
+def test_encoders_in_radians_are_angles_and_no_speeds(tmp_path: Path) -> None:
     found = draft_built_in("diff_drive", [written(tmp_path, turned=True)])
+    roles = {g.value: g.what for g in found.guesses}
+    assert (roles["wl_enc"], roles["wr_enc"]) == ("position.left", "position.right")
+
+
+def test_encoders_that_count_are_not_used_and_said_to_be_such(tmp_path: Path) -> None:
+    path = written(tmp_path, turned=True)
+    table = pd.read_csv(path)
+    table[["wl_enc", "wr_enc"]] *= 2048.0 / (2.0 * np.pi)
+    table.to_csv(path, index=False)
+    found = draft_built_in("diff_drive", [path])
     assert not {"wl_enc", "wr_enc"} & {g.value for g in found.guesses}
+    why = {u.name: u.why for u in found.unmatched}
+    assert "times wl_set: an encoder in other units?" in why["wl_enc"] and 'as "position.left"' in why["wl_enc"]
 
 
 def test_speeds_whose_names_say_rpm_are_converted(tmp_path: Path) -> None:

@@ -94,3 +94,16 @@ def test_a_gait_is_no_velocity_with_a_wrong_sign() -> None:
     assert not [f for f in audit(runs, ARM) if f.kind == "sign"]
     flipped = [scaled(r, -1.0, "velocity.a") for r in runs]
     assert [f for f in audit(flipped, ARM) if f.kind == "sign" and f.column == "velocity.a"]
+
+
+def test_encoder_counts_are_no_radians() -> None:
+    """2048 counts a turn: the speed is 326 times what was commanded, in all runs or in one."""
+    counts = 2048.0 / (2.0 * np.pi)
+    names = ("velocity.left", "velocity.right")
+    for runs, run in (
+        ([scaled(r, counts, *names) for r in runs_of(WHEELS)], ""),
+        ([scaled(r, counts, *names) if k == 2 else r for k, r in enumerate(runs_of(WHEELS))], "run2"),
+    ):
+        found = [f for f in audit(runs, WHEELS) if f.kind == "unit"]
+        assert {(f.run, f.column) for f in found} == {(run, n) for n in names}
+        assert all("counts of one turn" in f.remedy for f in found)

@@ -12,6 +12,7 @@ from residual_mpc.effects.equivalents import together
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
+MASS = "mass"  # the parameter, kg
 LATE: tuple[Quantity, ...] = ("command delay", "command lag", "reading delay", "reading lag")
 
 
@@ -36,6 +37,7 @@ def stand_ins(problem: Problem, rest: Fit, fit: Fit, gone: tuple[Term, ...], set
         starts += [{**rest.values, **(lead.closing or lead.start)} for lead in imitators]
         starts += _as_pair(problem, rest, fit, gone[0], candidates)
         starts += _as_late(problem, rest, fit, gone[0], candidates)
+        starts += _as_heavy(problem, rest, fit, gone[0], candidates)
     elif _on_single_targets(problem, gone):
         starts += _of_the_robot(problem, rest, candidates, settings=settings)
     elif (word := interchangeable(gone)) is not None:
@@ -114,6 +116,15 @@ def _as_late(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tupl
         if len(found) == 1 and imitate(other, gone) and not problem.space.are_twins(other, gone):
             starts.append(_with(problem, rest, {found[0]: late[0]}))
     return starts
+
+
+def _as_heavy(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tuple[Term, ...]) -> list[Values]:
+    """For a term that adds a mass, what imitates it with the same mass: where torques drive the robot, predictions
+    diverge from a probe that is too heavy, and its fit does not come back."""
+    heavy = [v for k, v in fit.values.items() if k.term == gone and k.parameter == MASS]
+    others = [Knob(t.effect, t.target, MASS) for t in candidates if t != gone and imitate(t, gone)]
+    known = [k for k in others if k in problem.space.knobs(k.term)]
+    return [_with(problem, rest, {k: heavy[0]}) for k in known] if heavy else []
 
 
 def _delays(knob: Knob) -> bool:

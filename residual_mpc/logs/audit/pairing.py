@@ -23,6 +23,7 @@ from residual_mpc.logs.signals import noise_sigma
 
 REACH = 0.5  # s: the latest answer that is looked for
 SOON = 0.15  # s: within which a joint answers where its kind is in doubt; later, a sine's speed looks like its angle
+APART = 20.0  # ratio of an answer to its command, from which their units differ
 DEGREES, RPM = 180.0 / np.pi, 30.0 / np.pi
 SURE, CLEAR, MODERATE, WEAK, FAINT = 0.9, 0.7, 0.5, 0.5, 0.25  # correlations
 
@@ -168,6 +169,10 @@ def _units(actuator: ActuatorFacts, name: str, seen: Follow) -> list[Finding]:
         if actuator.kind == "velocity" and 0.85 < factor / RPM < 1.15:
             what = f"{said}: {column} may be in revolutions per minute"
             return [Finding("warning", "rpm", "", column, None, what, f"multiply {column} by pi / 30")]
+    if not 1.0 / APART < ratio < APART:
+        what = f"{said}: the units of the two differ"
+        remedy = "write both in rad or rad/s (m or m/s); a count of an encoder is 2 pi / (counts of one turn) rad"
+        return [Finding("warning", "unit", "", name, None, what, remedy)]
     return []
 
 
