@@ -7,6 +7,7 @@ import numpy as np
 from plants.mujoco_log import collected_warnings
 from plants.mujoco_robot.edits.masses import quat_to_matrix
 from plants.mujoco_robot.loading.compile import compile_model, refuse_unsupported, say
+from plants.mujoco_robot.loading.speed_limits import speed_limits
 from plants.mujoco_robot.robot import SteppingMujoco
 from plants.mujoco_robot.structure.base import Base, find_base, free_bodies
 from plants.mujoco_robot.structure.loops import find_loops
@@ -46,7 +47,10 @@ def build(robot: RobotFile) -> SteppingMujoco:
     for warning in warnings:
         say(path, f"MuJoCo warns: {warning}")
     sides = robot.servo_feedback, robot.position_sensor
-    return SteppingMujoco(robot.name, model, site, *sides, base, loops, spec, held=held, payload_axes=axes)
+    fastest = speed_limits(path)
+    return SteppingMujoco(
+        robot.name, model, site, *sides, base, loops, spec, held=held, payload_axes=axes, speed_limits=fastest
+    )
 
 
 def _say_unmeasured(model: "mujoco.MjModel", base: Base | None, path: str) -> None:

@@ -1,7 +1,7 @@
 """Which motions to drive next, as commands that can be played."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,10 +19,12 @@ from residual_mpc.experiment.command_file import command_table
 from residual_mpc.experiment.plan import SECONDS, plan_first, plan_next
 from residual_mpc.files import write_atomically
 from residual_mpc.models.model_file import diagnosis_in
+from residual_mpc.report.words.numbers import count, listed
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+LISTED = 5  # effects at one target that are named one by one
 Progress = Callable[[str, float], None]
 
 
@@ -96,12 +98,29 @@ def excite(
         plan = plan_next(document, robot.model, source.where, within, seconds, rng, progress, keep)
         checkpoint.close()
     warnings = tuple(
-        f"{p.motion.name}: a joint is predicted to leave its range even for a small motion; reduce the command range "
+        f"{p.motion.name}: a joint is predicted to leave its range, or to exceed its speed limit, even for a small "
+        "motion; reduce the command range "
         "with `limits`, or supervise the robot"
         for p in plan.played
         if not p.within
     )
     return Excitation(plan.document, command_table([p.motion for p in plan.played], plan.setup.actuators), warnings)
+
+
+def _hidden(unseen: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What the motions cannot reveal: effects that they show nowhere, and others at some targets alone."""
+    nowhere = sorted({n["effect"] for n in unseen if n["nowhere"]})
+    at: dict[str, list[str]] = {}
+    for n in unseen:
+        if not n["nowhere"] and n["target"] is not None:
+            at.setdefault(n["target"], []).append(n["effect"])
+    alike: dict[str, list[str]] = {}
+    for target, effects in at.items():
+        few = len(effects) <= LISTED
+        alike.setdefault(", ".join(sorted(effects)) if few else "most effects", []).append(target)
+    said = [f"{effects} at {listed(targets)}" for effects, targets in alike.items()]
+    lines = [", ".join(nowhere)] if nowhere else []
+    return [f"  these motions cannot reveal: {line}" for line in [*lines, *said]]
 
 
 def _lines(result: Mapping[str, Any]) -> list[str]:
@@ -116,10 +135,9 @@ def _lines(result: Mapping[str, Any]) -> list[str]:
             ),
         ]
     if not result["parts"]:
-        hidden = sorted({n["effect"] for n in result["not_testable"]})
         return [
-            f"{len(result['motions'])} motions: {', '.join(m['name'] for m in result['motions'])}",
-            *([f"  these motions cannot reveal: {', '.join(hidden)}"] if hidden else []),
+            f"{count(len(result['motions']), 'motion')}: {', '.join(m['name'] for m in result['motions'])}",
+            *_hidden(result["not_testable"]),
         ]
     out = [f"to separate: {', '.join(result['parts'])}"]
     if result["sensors"]:

@@ -81,13 +81,17 @@ def choose(
 
 def protocol(
     robot: Robot, setup: DriveSetup, seconds: float, rng: np.random.Generator
-) -> tuple[tuple[Planned, ...], tuple[NotTestable, ...]]:
-    """Every motion once, for a robot without runs, and the effects that even these would not show."""
+) -> tuple[tuple[Planned, ...], tuple[NotTestable, ...], frozenset[str]]:
+    """Every motion once, for a robot without runs, what even these would not show, and the effects among it that they
+    show at no target."""
     planned = [within_limits(robot, setup, m, {}) for m in motions(setup, seconds, rng)]
     runs = [simulate_run(robot, setup, p.motion, {}, rng) for p in planned]
     data = build_dataset(runs, [robot] * len(runs), dict(setup.sigma))
     problem = build_problem(data, build_space(data, ()), data.sigma)
-    return tuple(planned), not_testable(problem, fit_all(problem, [{}])[0], ())
+    hidden = not_testable(problem, fit_all(problem, [{}])[0], ())
+    terms = {n.term for n in hidden}
+    shown = {t.effect for t in problem.space.candidates if t not in terms}
+    return tuple(planned), hidden, frozenset(t.effect for t in terms) - shown
 
 
 def _clearly_better(simple: Experiment, other: Experiment) -> Experiment:

@@ -40,6 +40,16 @@ def scaled(motion: Motion, setup: DriveSetup, factor: float) -> Motion:
     return Motion(motion.name, motion.t, setup.home + factor * (motion.command - setup.home), motion.enabled)
 
 
+def slowed(motion: Motion, most: np.ndarray) -> Motion:
+    """The same motion with commands that change by at most so much per second (nu,), actuator units."""
+    if not np.isfinite(most).any():
+        return motion
+    out, steps = motion.command.copy(), np.diff(motion.t)[:, None] * most
+    for k in range(1, len(out)):
+        out[k] = out[k - 1] + np.clip(motion.command[k] - out[k - 1], -steps[k - 1], steps[k - 1])
+    return Motion(motion.name, motion.t, out, motion.enabled)
+
+
 def _wheels(t: np.ndarray, rng: np.random.Generator) -> dict[str, np.ndarray]:
     """name -> (n, 2) in [-1, 1]: left, right."""
     way = _square(t, 5.0)

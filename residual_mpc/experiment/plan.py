@@ -76,11 +76,13 @@ def plan_first(robot: Robot, limits: Limits, seconds: float, rng: np.random.Gene
 
 
 def _protocol(robot: Robot, setup: DriveSetup, seconds: float, rng: np.random.Generator) -> Plan:
-    played, hidden = protocol(robot, setup, seconds, rng)
+    played, hidden, nowhere = protocol(robot, setup, seconds, rng)
     return Plan("protocol", setup, played, {
         "purpose": "protocol", "parts": [], "motions": [_described(p, None) for p in played], "told_apart": None,
         "sensors": [], "switches": False,
-        "not_testable": [{"effect": n.term.effect, "target": n.term.target} for n in hidden],
+        "not_testable": [
+            {"effect": n.term.effect, "target": n.term.target, "nowhere": n.term.effect in nowhere} for n in hidden
+        ],
     })  # fmt: skip
 
 

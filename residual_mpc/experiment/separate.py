@@ -14,18 +14,20 @@ from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.step_error import within_step_error
 from residual_mpc.experiment.drive_setup import DriveSetup
-from residual_mpc.experiment.motions import Motion, scaled
+from residual_mpc.experiment.motions import Motion, scaled, slowed
 from residual_mpc.logs.run import Run
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Values
 
 SMALLER, TRIES = 0.7, 5
+SHARE = 0.7  # of a joint's speed limit, at which its servo's command moves at most
 
 
 @dataclass(frozen=True)
 class Planned:
-    """motion, made smaller where joints would leave their ranges; within: whether they are predicted to stay inside."""
+    """motion, made slower and smaller where joints would leave their ranges or exceed their speeds; within: whether
+    they are predicted to stay inside."""
 
     motion: Motion
     within: bool
@@ -107,7 +109,10 @@ def _effects(values: Values) -> tuple[str, ...]:
 
 
 def within_limits(robot: Robot, setup: DriveSetup, motion: Motion, values: Values) -> Planned:
-    """The motion, made smaller (at most TRIES times) until no joint is predicted to leave its range."""
+    """The motion, with the commands of position servos no faster than a share of their joints' speed limits, made
+    smaller (at most TRIES times) until no joint is predicted to leave its range or to exceed its speed. A servo follows
+    whatever its gains are, which the model may not know."""
+    motion = slowed(motion, _fastest(robot))
     for _ in range(TRIES):
         if _within(robot, setup, motion, values):
             return Planned(motion, True)
@@ -116,13 +121,27 @@ def within_limits(robot: Robot, setup: DriveSetup, motion: Motion, values: Value
 
 
 def _within(robot: Robot, setup: DriveSetup, motion: Motion, values: Values) -> bool:
-    """Whether every joint whose position is logged is predicted to stay in the range that the model gives it."""
-    limits = optional.limits(robot)
-    if not limits:
+    """Whether every joint whose position is logged is predicted to stay in the range and within the speed that the
+    model gives it."""
+    limits, speeds = optional.limits(robot), optional.speed_limits(robot)
+    if not limits and not speeds:
         return True
     seen = _readings(robot, setup, motion, values)
-    return all(
+    stays = all(
         low <= y.min() and y.max() <= high
         for joint, (low, high) in limits.items()
         if (y := seen.get(f"position.{joint}")) is not None
     )
+    return stays and all(
+        float(np.abs(np.gradient(y, motion.t)).max()) <= most
+        for joint, most in speeds.items()
+        if (y := seen.get(f"position.{joint}")) is not None
+    )
+
+
+def _fastest(robot: Robot) -> np.ndarray:
+    """(nu,) how fast the command of each position servo may change, actuator units per second; infinite for others, and
+    where the model states no limit of the joint's speed."""
+    known = optional.speed_limits(robot)
+    each = zip(optional.actuator_joints(robot), robot.command_kinds, optional.gear_ratios(robot), strict=True)
+    return np.array([SHARE * abs(g) * known[j] if k == "position" and j in known else np.inf for j, k, g in each])

@@ -73,6 +73,14 @@ class Limits(Protocol):
 
 
 @runtime_checkable
+class SpeedLimits(Protocol):
+    @property
+    def speed_limits(self) -> Mapping[str, float]:
+        """Joint -> its largest speed, rad/s or m/s, for joints that have one."""
+        ...
+
+
+@runtime_checkable
 class CommandLimits(Protocol):
     @property
     def command_limits(self) -> Mapping[str, Range]:
@@ -222,6 +230,12 @@ def limits(robot: Robot) -> Mapping[str, Range]:
     """Ranges of joints, rad or m; by default none is known."""
     robot = innermost(robot)
     return robot.limits if isinstance(robot, Limits) else {}
+
+
+def speed_limits(robot: Robot) -> Mapping[str, float]:
+    """Joint -> its largest speed, rad/s or m/s; by default none."""
+    robot = innermost(robot)
+    return robot.speed_limits if isinstance(robot, SpeedLimits) else {}
 
 
 def command_limits(robot: Robot) -> Mapping[str, Range]:

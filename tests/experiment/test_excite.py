@@ -13,6 +13,7 @@ import pytest
 from oracles.arms import MIXED, arm_xml
 from oracles.rover_euler import simulate
 from oracles.rover_log import ROBOT, SIGMA, write_run
+from oracles.urdfs import arm_urdf
 
 from residual_mpc.cli.main import main
 from residual_mpc.logs.run import Run
@@ -157,6 +158,24 @@ def test_a_first_protocol_stays_within_the_model(tmp_path: Path, capsys: pytest.
     assert {r["run"] for r in rows} == {"slow_sweeps", "chirp", "steps", "multisine", "held_steps"}
     first = np.degrees([float(r["command.j1"]) for r in rows]) / 2.0  # gear 2
     assert -60.0 <= first.min() < -20.0 and 0.0 < first.max() <= 30.0
+
+
+def test_the_commands_keep_to_the_speed_limits_of_a_urdf(tmp_path: Path) -> None:
+    """A servo follows a step as fast as its motor can, whatever the model says of its gains."""
+    (tmp_path / "arm.urdf").write_text(arm_urdf(("j1", "j2"), -2.0, 2.0).replace('velocity="9"', 'velocity="1.5"', 1))
+    servos = "".join(f'[actuator.{j}]\nkind = "position"\nkp = 80.0\nkv = 4.0\n' for j in ("j1", "j2"))
+    (tmp_path / "robot.toml").write_text(f'name = "arm"\nplant = "mujoco"\nmodel = "arm.urdf"\n{servos}')
+    out = tmp_path / "first.csv"
+    assert call("excite", "--robot", tmp_path / "robot.toml", "--out", out, "--seconds", 6) == 0
+    with out.open() as file:
+        rows = list(csv.DictReader(file))
+    t = np.array([float(r["t"]) for r in rows])
+    same = np.diff(t) > 0.0
+    fastest = {}
+    for joint in ("j1", "j2"):
+        sent = np.array([float(r[f"command.{joint}"]) for r in rows])
+        fastest[joint] = float(np.abs(np.diff(sent)[same] / np.diff(t)[same]).max())
+    assert fastest["j1"] == pytest.approx(0.7 * 1.5, rel=1e-3) and fastest["j2"] == pytest.approx(0.7 * 9.0, rel=1e-3)
 
 
 def test_a_motion_that_no_size_makes_safe_is_marked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -44,6 +44,7 @@ class CompiledRobot:
     held: tuple[str, ...] = ()  # actuators of the model file that act on no joint and are not commanded
     # (3, 3) the payload site's axes in its body's frame
     payload_axes: np.ndarray = field(default_factory=lambda: np.eye(3), kw_only=True)
+    speed_limits: Mapping[str, float] = field(default_factory=dict, kw_only=True)  # of joints, rad/s or m/s
 
     @cached_property
     def actuators(self) -> tuple[str, ...]:
