@@ -42,7 +42,8 @@ def leave_out_absent(spec: "mujoco.MjSpec", path: str) -> str | None:
         return None
     some = ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
     left_out = f"{len(shapes)} shape{'s' * (len(shapes) != 1)} removed and ignored in contacts"
-    return f"{len(names)} of its files are missing ({some}): {left_out}"
+    which = "1 of its files is missing" if len(names) == 1 else f"{len(names)} of its files are missing"
+    return f"{which} ({some}): {left_out}"
 
 
 def _place(asset: "mujoco.MjsMesh", folder: str, spec: "mujoco.MjSpec", path: str) -> Path | None:

@@ -93,6 +93,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     if helps:
         causes = causes_of(of, share, sure, supports, doubt, refitted, settings=settings, varying=validated.varying)
     looked_at = candidates(of.rivalry, of.base, final, shared(sure, groups), of.left_out, every_doubt) if helps else ()
+    looked_at = as_named(looked_at, causes)
     if verdict == "effects" and not validated.judged.told and not _likely(causes, looked_at, groups):
         verdict = "partial"  # a gap that is small anyway confirms nothing
     run, unlike = validated.odd, validated.unlike.document(of.raw.horizon)
@@ -138,6 +139,13 @@ def _likely(causes: Sequence[Cause], looked_at: Sequence[Candidate], groups: Seq
     alike = [{t for m in g for t in m} for g in groups]
     sums = (sum(known.get(t, 0.0) for t in {c.term, *(t for g in alike if c.term in g for t in g)}) for c in causes)
     return any(x >= LIKELY for x in sums)
+
+
+def as_named(looked_at: Sequence[Candidate], causes: Sequence[Cause]) -> tuple[Candidate, ...]:
+    """The candidates, those that are named with the probability of the cause, which a doubtful number lowers."""
+    named = {c.term: c.probability for c in causes}
+    out = (replace(c, probability=named.get(c.term, c.probability)) for c in looked_at)
+    return tuple(sorted(out, key=lambda c: -c.probability))
 
 
 def _stands(term: Term, support: Support) -> float:

@@ -34,14 +34,13 @@ from residual_mpc.models.settings import Term
 
 @dataclass(frozen=True, eq=False)
 class Validated:
-    """gaps: those of the explanation, over every horizon, and whether it helps; fresh: without what slow sensors
-    repeat, None where no sensor is slow; achieved: the shrink on the held-out windows, None where nothing helps;
-    supports: of each effect; varying: the effects whose size is not steady. odd: the run that is unlike all others, if
-    there is one; unlike: stretches that are unlike everything else. without: the gaps without these and the incidents
-    of the logs, if there are any."""
+    """gaps: those of the explanation, over every horizon, and whether it helps; achieved: the shrink on the held-out
+    windows, None where nothing helps; supports: of each effect; varying: the effects whose size is not steady. odd: the
+    run that is unlike all others, if there is one; unlike: stretches that are unlike everything else. without: the gaps
+    without these and the incidents of the logs, if there are any; fresh: the gaps without what slow sensors repeat, if
+    any sensor is slow."""
 
     gaps: ExplanationGaps
-    fresh: ExplanationGaps | None
     achieved: Shrink | None
     supports: Mapping[Term, Support]
     options: Options
@@ -49,6 +48,7 @@ class Validated:
     odd: OddRun | None = None
     unlike: Unlike = Unlike()
     without: ExplanationGaps | None = None
+    fresh: ExplanationGaps | None = None
 
     @property
     def judged(self) -> ExplanationGaps:
@@ -92,7 +92,7 @@ def validate(refined: Refined, rng: np.random.Generator, progress: Progress) -> 
     gaps = measure(refined.explanation, longer, judged=fresh)
     odd, unlike = one_run(fresh or gaps), _unlike(fresh or gaps, settings)
     if not gaps.helps:
-        return Validated(gaps, fresh, None, {}, options, odd=odd, unlike=unlike)
+        return Validated(gaps, None, {}, options, odd=odd, unlike=unlike, fresh=fresh)
     of, without = gaps.of, None
     keep = _usual(of.raw, odd, unlike)
     if keep.any() and not keep.all():
@@ -103,7 +103,7 @@ def validate(refined: Refined, rng: np.random.Generator, progress: Progress) -> 
     achieved = shrink_of(of.raw.take(of.test), of.scales, before[of.test], after[of.test], rng, settings=settings)
     usual = without or fresh or gaps
     supports = support_of(usual.of, seen, usual.looks, settings=settings)
-    return Validated(gaps, fresh, achieved, supports, options, variations(usual.of, settings), odd, unlike, without)
+    return Validated(gaps, achieved, supports, options, variations(usual.of, settings), odd, unlike, without, fresh)
 
 
 def _unlike(gaps: ExplanationGaps, settings: ResultSettings) -> Unlike:

@@ -20,6 +20,11 @@ from residual_mpc.logs.run import Run
 from residual_mpc.logs.time_gaps import time_gaps
 from residual_mpc.models.settings import TUNE
 
+SMALLER_STEP = (
+    'Use a smaller time step, or an implicit integrator if its own is explicit: <option timestep="0.0005" '
+    'integrator="implicitfast"/> in an MJCF file, the same within <mujoco> in a URDF.'
+)
+
 
 def _left_out(runs: Sequence[Run]) -> list[str]:
     """Gaps and incidents of the logs."""
@@ -94,13 +99,13 @@ def notes(
     if found.stepping:
         said.append(
             f"The time step of the model makes errors of {found.step_error or 0.0:.2g} (noise floor "
-            f"{first.floor.total:.2g}). Use a smaller time step, or an implicit integrator if its own is explicit."
+            f"{first.floor.total:.2g}). {SMALLER_STEP}"
         )
     elif found.step_error is not None and found.step_error > first.floor.total:
         what = "the named effects" if found.coarse and found.helps else "small effects"
         said.append(
             f"The time step of the model makes errors of {found.step_error:.2g} (noise floor {first.floor.total:.2g}); "
-            f"{what} may only stand for it. Use a smaller time step, or an implicit integrator if its own is explicit."
+            f"{what} may only stand for it. {SMALLER_STEP}"
         )
     if found.helps and any(v < 0.0 for k, v in of.final.values.items() if k.effect == COMMAND_DELAY.name):
         said.append(
