@@ -28,7 +28,7 @@ from residual_mpc.cli.progress import progress_bar
     "of the model's diagnosis, else the beginning of the stream]",
 )  # fmt: skip
 @click.option(
-    "--learn", type=click.FloatRange(1.0, 14.0), default=10.0, show_default=True, metavar="MIN",
+    "--learn", type=click.FloatRange(3.0, 14.0), default=10.0, show_default=True, metavar="MIN",
     help="Minutes of the stream that serve as the reference where there is no other.",
 )  # fmt: skip
 @click.option(

@@ -31,7 +31,8 @@ def write(out: Path, robot: Robot, comparison: Comparison, result: dict[str, Any
     units = [unit_of((name,), sliding) for name in _first(comparison).poses]
     _picture(out / "tracking.png", comparison, result["unit"], units)
     names += ["result.json", "tracking.png", *write_page(out, robot, comparison, result)]
-    if isinstance(robot, CompiledRobot) and all(f"position.{j}" in _first(comparison).measured for j in robot.joints):
+    driven = optional.actuator_joints(robot)
+    if isinstance(robot, CompiledRobot) and all(f"position.{j}" in _first(comparison).measured for j in driven):
         _animation(out / "drive.gif", robot, comparison)
         names.append("drive.gif")
     return names
@@ -89,7 +90,7 @@ def _animation(path: Path, robot: CompiledRobot, comparison: Comparison) -> None
     axes = figure.subplots()
     axes.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", ylabel="z (m)")
     lines = {n: axes.plot([], [], "o-", ms=3, lw=1.5, color=COLOURS.get(n), label=n, alpha=0.8)[0] for n in shapes}
-    axes.legend(fontsize=8, loc="upper right")
+    axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(lines), frameon=False)
 
     def draw(frame: int) -> list[Any]:
         for name, line in lines.items():

@@ -77,7 +77,7 @@ def test_dress_does_not_matter(tmp_path: Path, dress: Callable[[str], bytes]) ->
         (lambda s: s.replace("0.04,1", "0.04,one"), "data row 3 of column 'command.left' must be a number, got 'one'"),
         (lambda s: s.replace("0.04,1", "0.04,inf"), "got inf"),
         (lambda s: s.replace("0.04,1", "0.04,3.4e38"), "got 3.4e+38"),
-        (lambda s: s.replace("0.04,1", '0.04,"1,5"'), "got '1,5'"),
+        (lambda s: s.replace("0.04,1", '0.04,"1,5"'), "got '1,5'. Write decimal points instead of decimal commas"),
         (lambda s: s.replace("0.04,1", "0.04,1,5"), "data row 3 must have 4 cells, got 5"),
         (lambda s: s.replace("0.04,1,", "0.04,"), "data row 3 must have 4 cells, got 3"),
         (lambda s: "# a note\n\n" + s.replace("0.04,1,", "0.04,"), "data row 3 must have 4 cells, got 3"),

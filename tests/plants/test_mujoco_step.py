@@ -17,6 +17,7 @@ from controllers.mpc import build_mpc
 from controllers.usual import usual_settings
 from plants.mujoco_robot import build
 from plants.mujoco_robot.simulation.constants import corrected_constants
+from plants.mujoco_robot.simulation.plant import joint_points
 from plants.mujoco_robot.symbolic.description import Changes, describe
 from plants.mujoco_robot.symbolic.implicit import factorised, solved
 from plants.mujoco_robot.symbolic.motion import changed
@@ -165,6 +166,16 @@ def test_a_payload_in_a_gripper_whose_body_is_fused_away_stays_where_it_is(tmp_p
     assert model.stepped.commands == ("j1", "j2")
     assert "position.left" not in model.stepped.states
     assert moving_apart(model, np.random.default_rng(0)) < 2e-3
+
+
+def test_a_drawn_arm_leaves_out_joints_that_nobody_measures(tmp_path: Path) -> None:
+    """The anchors of the others, and the tool, in each frame; the held joint rests."""
+    robot = robot_of(tmp_path, arm_xml(), held=("j2",))
+    q = np.linspace(0.0, 0.5, 9)
+    both = joint_points(robot, {"position.j1": q, "position.j2": np.zeros(9)}, 2)
+    one = joint_points(robot, {"position.j1": q}, 2)
+    assert both.shape == (5, 3, 3) and one.shape == (5, 2, 3)
+    np.testing.assert_allclose(one, both[:, [0, 2]], atol=1e-12)
 
 
 def test_a_coupling_of_a_driven_joint_is_refused(tmp_path: Path) -> None:

@@ -103,15 +103,18 @@ def mujoco_plant(robot: CompiledRobot, withheld: Values, period: float, finer: i
 
 
 def joint_points(robot: CompiledRobot, columns: Mapping[str, np.ndarray], stride: int) -> np.ndarray:
-    """(frames, joints + 1, 3) positions of the joint anchors and the tool at every stride-th row of a run, m."""
+    """(frames, joints + 1, 3) positions of the anchors of the measured joints and of the tool at every stride-th row of
+    a run, m; other joints, such as held fingers, rest."""
     import mujoco
 
     data, (body, place) = mujoco.MjData(robot.model), robot.payload
-    positions = np.stack([columns[f"position.{j}"] for j in robot.joints], axis=-1)[::stride]
+    there = [k for k, j in enumerate(robot.joints) if f"position.{j}" in columns]
+    positions = np.stack([columns[f"position.{robot.joints[k]}"] for k in there], axis=-1)[::stride]
+    places, numbers = robot.places[there], robot.numbers[there]
     out = []
     for q in positions:
-        data.qpos[robot.places] = q
+        data.qpos[places] = q
         mujoco.mj_kinematics(robot.model, data)
         tool = data.xpos[body] + data.xmat[body].reshape(3, 3) @ place
-        out.append(np.vstack([data.xanchor, tool]))
+        out.append(np.vstack([data.xanchor[numbers], tool]))
     return np.array(out)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from residual_mpc.errors import BadInput
 from residual_mpc.logs.readers.dates import EXAMPLE
 from residual_mpc.logs.run import FloatArray
 
+DECIMAL_COMMA = re.compile(r"\s*[-+]?\d+,\d+\s*")
 LARGEST = 1e9  # no quantity of the log format comes near; beyond it stand sentinels such as 3.4e38
 
 
@@ -26,6 +28,8 @@ def numbers(column: Any, name: str, where: str) -> FloatArray:
         remedy = "leave the cell empty if the value is missing; use decimal points"
         if name == "t":
             remedy = f"write the time stamps as numbers in seconds, or as dates with times such as {EXAMPLE}"
+        if DECIMAL_COMMA.fullmatch(text):
+            remedy = "write decimal points instead of decimal commas"
         what = f"data row {row + 1} of column {name!r} must be a number, got {text!r}"
         raise BadInput(what, where, remedy)
     bad = np.flatnonzero(np.abs(values) > LARGEST * (1e12 if name == "t" else 1.0))
