@@ -28,6 +28,7 @@ from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.step_error import step_error
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.forecast import worse_than_forecast
+from residual_mpc.diagnosis.results.makes_smaller import makes_smaller
 from residual_mpc.diagnosis.results.own_step import Seen, only_the_step
 from residual_mpc.diagnosis.results.quantiles import quantiles
 from residual_mpc.diagnosis.results.records import GapFigures, HorizonFigures
@@ -163,7 +164,7 @@ def measure_gaps(
     errors = {"nominal": of.raw.y - nominal, "before": of.raw.y - before, "after": of.after_data.y - after}
     test, scales = of.test, of.scales
     trust = window_trust(of.raw, scales, errors["before"], settings=settings.data)
-    helps = of.anything and _helps(of, longer, rows, errors, trust, settings=settings)
+    helps = of.anything and makes_smaller(of, longer, rows, errors, trust, settings=settings)
     forecast = constant_velocity(of.raw)
     steady = gap_of(of.raw, scales, of.raw.y - forecast, test).total
     usual = trust * (test & ~across(of.raw, of.aside))
@@ -216,37 +217,6 @@ def measure_gaps(
         stepping,
         blinded,
     )
-
-
-def _helps(
-    of: FittedExplanation,
-    longer: Sequence[HorizonWindows],
-    rows: Settings,
-    errors: dict[str, np.ndarray],
-    trust: np.ndarray,
-    settings: ResultSettings,
-) -> bool:
-    """Whether the explanation makes the gap noticeably smaller on the windows that are judged: at the headline's
-    horizon, or at a longer one without making the headline's larger by more than a little."""
-    smaller = np.sqrt(1.0 - settings.gaps.least)
-    judged = trust * (of.test & ~across(of.raw, of.aside))
-    before, after = (gap_of(of.raw, of.scales, errors[k], judged).total for k in ("before", "after"))
-    if after < smaller * before:
-        return True
-    if after > settings.gaps.worse * before:
-        return False
-    for look in longer:
-        if of.held.any() and not look.held.any():
-            continue  # its windows have been fitted to
-        there = look.test & ~across(look.raw, of.aside)
-        if not there.any():
-            continue
-        raw = look.raw.take(there)
-        seen = look.clean.take(there) if of.with_outliers else raw
-        _, was, now = predict(raw, rows)
-        if gap_of(seen, look.scales, seen.y - now).total < smaller * gap_of(raw, look.scales, raw.y - was).total:
-            return True
-    return False
 
 
 def _noise(
