@@ -70,7 +70,7 @@ def linear(
     noise = rng.standard_normal((DATA.count, 20)) - columns[one] * change[:, None]
     problem: Any = Linear(data, space_of(DATA), columns, {one: 1.4, other: 0.8}, noise)
     fit = fitted(problem, {one: 1.0, other: 1.0})
-    return variations_on(problem, fit, [one.term, other.term], measure_scales(DATA), ResultSettings())
+    return variations_on(problem, fit, [one.term, other.term], measure_scales(DATA), ResultSettings())[0]
 
 
 def motion() -> np.ndarray:
@@ -123,7 +123,7 @@ def test_a_run_that_hardly_shows_an_effect_has_no_size() -> None:
     noise = rng.standard_normal((DATA.count, 20)) - columns[SCALE] * change[:, None]
     problem: Any = Linear(DATA, space_of(DATA), columns, {SCALE: 1.4, GAIN: 0.8}, noise)
     fit = fitted(problem, {SCALE: 1.4, GAIN: 0.8})
-    sizes = variations_on(problem, fit, [SCALE.term], measure_scales(DATA), ResultSettings())[SCALE.term].by_run
+    sizes = variations_on(problem, fit, [SCALE.term], measure_scales(DATA), ResultSettings())[0][SCALE.term].by_run
     assert sizes is not None and list(sizes) == [f"r{k}" for k in range(1, 6)]
 
 
@@ -133,7 +133,7 @@ def test_an_effect_that_moves_no_prediction_is_steady() -> None:
     noise = np.random.default_rng(0).standard_normal((DATA.count, 20))
     problem: Any = Linear(DATA, space_of(DATA), columns, {SCALE: 1.4, GAIN: 0.8}, noise)
     fit = fitted(problem, {SCALE: 1.4, GAIN: 1.0})
-    assert variations_on(problem, fit, [SCALE.term, GAIN.term], measure_scales(DATA), ResultSettings()) == {}
+    assert variations_on(problem, fit, [SCALE.term, GAIN.term], measure_scales(DATA), ResultSettings())[0] == {}
 
 
 def test_a_joint_whose_position_is_not_logged_has_no_thirds() -> None:
@@ -161,7 +161,7 @@ def acting(strength: np.ndarray, change: np.ndarray) -> Variation:
     noise = rng.standard_normal((DATA.count, 160)) - columns[SCALE] * change[:, None]
     problem: Any = Linear(DATA, space_of(DATA), columns, {SCALE: 1.4, GAIN: 0.8}, noise)
     fit = fitted(problem, {SCALE: 1.0, GAIN: 1.0})
-    return variations_on(problem, fit, [SCALE.term, GAIN.term], measure_scales(DATA), ResultSettings())[SCALE.term]
+    return variations_on(problem, fit, [SCALE.term, GAIN.term], measure_scales(DATA), ResultSettings())[0][SCALE.term]
 
 
 def test_a_size_that_grows_with_the_influence_is_stated_in_thirds() -> None:

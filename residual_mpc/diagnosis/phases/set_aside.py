@@ -14,18 +14,22 @@ from residual_mpc.diagnosis.phases.refine import Refined
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.odd_run import odd_run
 from residual_mpc.diagnosis.results.unlike_the_rest import drawn_floor, joined_stretches, unlike_the_rest
+from residual_mpc.diagnosis.results.variation import makes_the_odd_run
 from residual_mpc.models.settings import Term
 
 
 def unlike_in_fits(prepared: Prepared, refined: Refined) -> tuple[tuple[KeptBack, ...], tuple[Term, ...]]:
     """Stretches of the windows that fits have seen which the explanation misses by far more than all others, or would
     miss without an effect that serves nothing else, such as a stop for a table that was hit once, with these effects;
-    else a run that is unlike all others."""
+    else a run that is unlike all others, unless an
+    effect has another size there."""
     of, settings = refined.explanation, prepared.options.settings.aside
     data, values = prepared.clean.take(prepared.free), of.final.values
     rows = of.space.settings([values, *({k: v for k, v in values.items() if k.term != t} for t in of.final.terms)])
     gaps = [np.sqrt(per_window(data, prepared.scales, data.y - y)) for y in predict(data, rows)]
     odd = _odd_run(data, gaps[0])
+    if odd and makes_the_odd_run(of, prepared.options.settings):
+        odd = ()
     if not any(unlike_the_rest(data, g, settings).stretches for g in gaps):
         return odd, ()
     floor = drawn_floor(data, prepared.scales, rows.take(np.array([0])))

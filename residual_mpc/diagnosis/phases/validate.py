@@ -26,7 +26,7 @@ from residual_mpc.diagnosis.results.unlike_the_rest import (
     joined_stretches,
     unlike_the_rest,
 )
-from residual_mpc.diagnosis.results.variation import variations
+from residual_mpc.diagnosis.results.variation import makes_the_odd_run, variations
 from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.diagnosis.results.verdict import Verdict
 from residual_mpc.models.settings import Term
@@ -91,6 +91,8 @@ def validate(refined: Refined, rng: np.random.Generator, progress: Progress) -> 
         fresh = measure(judged, seen)
     gaps = measure(refined.explanation, longer, judged=fresh)
     odd, unlike = one_run(fresh or gaps), _unlike(fresh or gaps, settings)
+    if odd is not None and gaps.helps and makes_the_odd_run((fresh or gaps).of, settings):
+        odd = None
     if not gaps.helps:
         return Validated(gaps, None, {}, options, odd=odd, unlike=unlike, fresh=fresh)
     of, without = gaps.of, None

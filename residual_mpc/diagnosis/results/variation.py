@@ -20,6 +20,7 @@ from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import Fit, on_problem
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
+from residual_mpc.diagnosis.results.odd_run import odd_run
 from residual_mpc.diagnosis.results.settings import ResultSettings, VariationSettings
 from residual_mpc.diagnosis.results.size_numbers import size_knobs
 from residual_mpc.diagnosis.results.variation_records import Instant, Variation
@@ -70,9 +71,22 @@ class _Scores:
 def variations(of: FittedExplanation, settings: ResultSettings) -> dict[Term, Variation]:
     """The named effects whose size is not steady, tested on windows of the headline's horizon, held-out ones included,
     those soon after an unknown past not; long logs are thinned evenly."""
+    return _varied(of, settings)[0]
+
+
+def makes_the_odd_run(of: FittedExplanation, settings: ResultSettings) -> bool:
+    """Whether effects whose sizes differ between the runs, or that begin or end, account for the run that is unlike all
+    others."""
+    found, left, run = _varied(of, settings)
+    sizes = any(v.by_run is not None or v.since is not None or v.until is not None for v in found.values())
+    return sizes and odd_run(left, run) is None
+
+
+def _varied(of: FittedExplanation, settings: ResultSettings) -> tuple[dict[Term, Variation], np.ndarray, np.ndarray]:
+    """The variations; the mean squared residual that they leave in each window (W,), and its run (W,)."""
     terms = [t for t in of.final.terms if not is_law(t.effect) and size_knobs(of.final.values, t)]
     if not terms:
-        return {}
+        return {}, np.zeros(0), np.zeros(0, dtype=int)
     clean, past = of.clean, settings.data.unknown_past
     unknown = runs_with_unknown_past(clean, past)
     clean = clean.take(after_unknown_past(clean, np.ones(clean.count, dtype=bool), unknown, past))
@@ -80,13 +94,16 @@ def variations(of: FittedExplanation, settings: ResultSettings) -> dict[Term, Va
     problem = build_problem(data, of.space, 1.0 / of.problem.weight, settings=settings.predict)
     trust = fit_trust(data, of.scales, data.y - problem.replays([of.final.values])[0], settings=settings.data)
     problem = problem if (trust == 1.0).all() else replace(problem, count=trust)
-    return variations_on(problem, on_problem(problem, of.final, settings=settings.fit), terms, of.scales, settings)
+    fit = on_problem(problem, of.final, settings=settings.fit)
+    found, r = variations_on(problem, fit, terms, of.scales, settings)
+    return found, np.sum(r * r, axis=1) / np.maximum(np.count_nonzero(r, axis=1), 1), data.run
 
 
 def variations_on(
     problem: Problem, fit: Fit, terms: Sequence[Term], scales: Scales, settings: ResultSettings
-) -> dict[Term, Variation]:
-    """Which of these effects of a fit are not steady on the windows of the problem."""
+) -> tuple[dict[Term, Variation], np.ndarray]:
+    """Which of these effects of a fit are not steady on the windows of the problem, and the residuals (W, n) beside
+    them."""
     blocks, r, out = blocks_of(problem.data, settings=settings.fit), fit.r, dict[Term, Variation]()
     divisions = _divisions(problem.data, scales, settings.variation.runs)
     left = list(terms)
@@ -100,7 +117,7 @@ def variations_on(
         out[found.term] = found.variation
         left.remove(found.term)
         r = r + found.moved
-    return out
+    return out, r
 
 
 @dataclass(frozen=True, eq=False)
