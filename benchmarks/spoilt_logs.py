@@ -45,7 +45,7 @@ def _as_logged(rng: Rng, run: int, table: Table) -> Table:
 @dataclass(frozen=True)
 class Fault:
     """executed: of the commands; spoilt: of the log. lacking: whether the fault is beyond the noise, so that a perfect
-    robot is `unknown` and the other one `partial` or explained; mistaken: the run that may be refused for it by name."""
+    robot is `unknown` and the other one `partial` or explained; mistaken: a run that may be refused for it by name."""
 
     name: str
     executed: Executed = _as_sent

@@ -82,8 +82,8 @@ def choose(
 def protocol(
     robot: Robot, setup: DriveSetup, seconds: float, rng: np.random.Generator
 ) -> tuple[tuple[Planned, ...], tuple[NotTestable, ...], frozenset[str]]:
-    """Every motion once, for a robot without runs, what even these would not show, and the effects among it that they
-    show at no target."""
+    """Every motion once, for a robot without runs; the terms that none of them shows, and the effects that they show at
+    no target."""
     planned = [within_limits(robot, setup, m, {}) for m in motions(setup, seconds, rng)]
     runs = [simulate_run(robot, setup, p.motion, {}, rng) for p in planned]
     data = build_dataset(runs, [robot] * len(runs), dict(setup.sigma))

@@ -41,13 +41,23 @@ def scaled(motion: Motion, setup: DriveSetup, factor: float) -> Motion:
 
 
 def slowed(motion: Motion, most: np.ndarray) -> Motion:
-    """The same motion with commands that change by at most so much per second (nu,), actuator units."""
+    """The same motion with commands that change by at most `most` (nu,) per second, actuator units, and end where they
+    did."""
     if not np.isfinite(most).any():
         return motion
-    out, steps = motion.command.copy(), np.diff(motion.t)[:, None] * most
+    steps = np.diff(motion.t)[:, None] * most
+    forth = _limited(motion.command, steps)
+    return Motion(motion.name, motion.t, _limited(forth[::-1], steps[::-1], motion.command[-1])[::-1], motion.enabled)
+
+
+def _limited(wanted: np.ndarray, steps: np.ndarray, begin: np.ndarray | None = None) -> np.ndarray:
+    """What follows `wanted` (n, nu) by at most `steps` (n - 1, nu) from row to row; begin (nu,): in place of its first
+    row."""
+    out = wanted.copy()
+    out[0] = out[0] if begin is None else begin
     for k in range(1, len(out)):
-        out[k] = out[k - 1] + np.clip(motion.command[k] - out[k - 1], -steps[k - 1], steps[k - 1])
-    return Motion(motion.name, motion.t, out, motion.enabled)
+        out[k] = out[k - 1] + np.clip(wanted[k] - out[k - 1], -steps[k - 1], steps[k - 1])
+    return out
 
 
 def _wheels(t: np.ndarray, rng: np.random.Generator) -> dict[str, np.ndarray]:

@@ -21,13 +21,13 @@ from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Values
 
 SMALLER, TRIES = 0.7, 5
-SHARE = 0.7  # of a joint's speed limit, at which its servo's command moves at most
+SHARE = 0.7  # of a joint's speed limit: the fastest that its servo's command may change, since it may overshoot
 
 
 @dataclass(frozen=True)
 class Planned:
-    """motion, made slower and smaller where joints would leave their ranges or exceed their speeds; within: whether
-    they are predicted to stay inside."""
+    """motion, with commands that keep to the joints' speed limits, made smaller where joints would leave their ranges
+    or exceed their speeds all the same; within: whether they are predicted to stay inside."""
 
     motion: Motion
     within: bool

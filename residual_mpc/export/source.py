@@ -21,5 +21,5 @@ def robot_beside(document: Mapping[str, object], file: Path) -> str:
     if name in {e.name for e in entry_points(group=GROUP)}:
         return name
     if not name:
-        raise BadInput("it is neither a model nor a diagnosis", str(file), "give model.json or diagnosis.json")
+        raise BadInput("the file is neither a model nor a diagnosis", str(file), "give model.json or diagnosis.json")
     raise BadInput(f"it is a model of {name!r}, whose robot file was not found", str(file), "give the file as `robot`")

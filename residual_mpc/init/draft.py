@@ -78,7 +78,7 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
     """Guess what the robot file of a model and its runs should say.
 
     Raises BadInput for a model that does not compile, runs that cannot be read, runs without a time, and runs of which
-    no column can be a command, or none a measurement, or a column has different units in different runs.
+    no column can be a command, or none a measurement, or whose units differ.
     """
     structure = read_model_structure(model)
     recordings = read_recordings(paths)

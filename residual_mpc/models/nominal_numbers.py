@@ -14,7 +14,7 @@ from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
 
 KEY = "nominal"  # of a model file: number by name
-SITE = "payload_site."  # begins the names of the three coordinates of where a payload is held
+SITE = "payload_site."  # begins the names of the numbers that say where a payload is held
 SAME = 1e-6  # relative difference up to which two numbers are the same
 NAMED = 3  # differences that a warning spells out
 
@@ -27,7 +27,7 @@ def nominal_numbers(robot: Robot) -> dict[str, float]:
     """The robot's nominal parameters by name, in the units of its model file, and where its payload site is, m."""
     out = {name: float(value) for name, value in robot.nominal().items() if math.isfinite(value)}
     place = optional.payload_place(robot)
-    return out if place is None else out | {f"{SITE}{k}": x for k, x in zip("xyz", place, strict=True)}
+    return out if place is None else out | {f"{SITE}{k}": x for k, x in zip(("body", *"xyz"), place, strict=True)}
 
 
 def differences(model: Mapping[str, Any], robot: Robot) -> dict[str, tuple[float | None, float | None]]:

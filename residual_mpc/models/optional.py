@@ -150,8 +150,8 @@ class HeldJoints(Protocol):
 @runtime_checkable
 class PayloadPlace(Protocol):
     @property
-    def payload_place(self) -> tuple[float, float, float]:
-        """Where the payload site is in the model's reference configuration, m in its world."""
+    def payload_place(self) -> tuple[float, float, float, float]:
+        """The number of the body that holds the payload, and where, m in its frame."""
         ...
 
 
@@ -289,8 +289,8 @@ def held_joints(robot: Robot) -> tuple[str, ...]:
     return robot.held_joints if isinstance(robot, HeldJoints) else ()
 
 
-def payload_place(robot: Robot) -> tuple[float, float, float] | None:
-    """Where the payload site is in the model's reference configuration, m in its world; by default None."""
+def payload_place(robot: Robot) -> tuple[float, float, float, float] | None:
+    """The number of the body that holds the payload, and where, m in its frame; by default None."""
     robot = innermost(robot)
     return robot.payload_place if isinstance(robot, PayloadPlace) else None
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from plants.mujoco_robot.simulation.plant import joint_points
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.symbolic.rigid_joints import rigid_joints
 from residual_mpc.closed_loop.compare import Comparison
 from residual_mpc.closed_loop.episode import Episode
 from residual_mpc.closed_loop.metrics import h2_over_time, path_error
@@ -31,8 +32,8 @@ def write(out: Path, robot: Robot, comparison: Comparison, result: dict[str, Any
     units = [unit_of((name,), sliding) for name in _first(comparison).poses]
     _picture(out / "tracking.png", comparison, result["unit"], units)
     names += ["result.json", "tracking.png", *write_page(out, robot, comparison, result)]
-    driven = optional.actuator_joints(robot)
-    if isinstance(robot, CompiledRobot) and all(f"position.{j}" in _first(comparison).measured for j in driven):
+    seen = {j for j in optional.joints(robot) if f"position.{j}" in _first(comparison).measured}
+    if isinstance(robot, CompiledRobot) and seen and set(robot.joints) - seen <= set(rigid_joints(robot)):
         _animation(out / "drive.gif", robot, comparison)
         names.append("drive.gif")
     return names

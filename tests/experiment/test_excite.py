@@ -171,9 +171,10 @@ def test_the_commands_keep_to_the_speed_limits_of_a_urdf(tmp_path: Path) -> None
         rows = list(csv.DictReader(file))
     t = np.array([float(r["t"]) for r in rows])
     same = np.diff(t) > 0.0
-    fastest = {}
+    fastest, last = {}, np.flatnonzero(np.diff(t, append=-1.0) < 0.0)  # rows at which a motion ends
     for joint in ("j1", "j2"):
         sent = np.array([float(r[f"command.{joint}"]) for r in rows])
+        assert sent[last] == pytest.approx(0.0, abs=1e-9)  # at home, where the next one begins
         fastest[joint] = float(np.abs(np.diff(sent)[same] / np.diff(t)[same]).max())
     assert fastest["j1"] == pytest.approx(0.7 * 1.5, rel=1e-3) and fastest["j2"] == pytest.approx(0.7 * 9.0, rel=1e-3)
 

@@ -57,7 +57,7 @@ def test_encoders_that_count_are_not_used_and_said_to_be_such(tmp_path: Path) ->
     found = draft_built_in("diff_drive", [path])
     assert not {"wl_enc", "wr_enc"} & {g.value for g in found.guesses}
     why = {u.name: u.why for u in found.unmatched}
-    assert "times wl_set: an encoder in other units?" in why["wl_enc"] and 'as "position.left"' in why["wl_enc"]
+    assert "times wl_set: possibly an encoder in other units" in why["wl_enc"] and 'as "position.left"' in why["wl_enc"]
 
 
 def test_speeds_whose_names_say_rpm_are_converted(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ DEG = 180.0 / np.pi
 
 
 def runs_of(robot: RobotFacts, count: int = 5) -> list[Run]:
-    rng, make = np.random.default_rng(3), arm_run if robot is ARM else wheel_run
+    rng, make = np.random.default_rng(3), wheel_run if robot is WHEELS else arm_run
     return [make(rng, f"run{k}") for k in range(count)]
 
 
@@ -32,7 +32,7 @@ def scaled(run: Run, factor: float, *names: str) -> Run:
 
 
 def alone(findings: tuple[Finding, ...]) -> list[tuple[str, str, str]]:
-    return [(f.kind, f.run, f.column) for f in findings if "this run" in f.message or "this one first" in f.message]
+    return [(f.kind, f.run, f.column) for f in findings if "only in this run" in f.message or "one first" in f.message]
 
 
 def test_runs_that_are_alike_show_nothing() -> None:
@@ -66,9 +66,26 @@ def test_a_mistake_in_one_run_is_named_with_the_run(robot: RobotFacts, spoil, ki
 def test_two_of_five_are_counted_and_all_of_them_are_no_exception() -> None:
     runs = [scaled(r, -1.0, "velocity.b") if k in (1, 4) else r for k, r in enumerate(runs_of(ARM))]
     (found,) = (f for f in audit(runs, ARM) if f.column == "velocity.b" and f.kind == "sign")
-    assert found.run == "run1" and found.message.endswith("in 2 of 5 runs, this one first")
+    assert found.run == "run1" and found.message.endswith("(in 2 of 5 runs, this one first)")
     every = audit([scaled(r, -1.0, "velocity.b") for r in runs_of(ARM)], ARM)
     assert [f.run for f in every if f.kind == "sign"] == [""]
+
+
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_one_mistake_of_one_run_is_told_once(count: int) -> None:
+    """The command and the velocity both show it; a joint without limits is not looked at otherwise."""
+    free = replace(ARM, limits={})
+    runs = [scaled(r, DEG, "position.a") if k == 1 else r for k, r in enumerate(runs_of(free, count))]
+    (found,) = (f for f in audit(runs, free) if f.kind == "degrees" and f.column == "position.a")
+    assert found.run == "run1" and "only in this run" in found.message
+
+
+def test_most_runs_with_a_mistake_are_told_too() -> None:
+    """All together, two of three with a reversed sign and one without show nothing."""
+    reverse = ("position.a", "velocity.a")
+    runs = [r if k == 0 else scaled(r, -1.0, *reverse) for k, r in enumerate(runs_of(ARM, 3))]
+    found = [f for f in audit(runs, ARM) if f.kind == "sign" and f.column == "position.a"]
+    assert len(found) == 1 and found[0].run in ("", "run1")
 
 
 def test_degrees_in_some_runs_alone_are_not_to_be_corrected_in_all() -> None:

@@ -111,15 +111,11 @@ class CompiledRobot:
         types = self.model.jnt_type[self.numbers]
         return frozenset(j for j, kind in zip(self.joints, types.tolist(), strict=True) if kind == slide)
 
-    @cached_property
-    def payload_place(self) -> tuple[float, float, float]:
-        """Where the payload site is in the model's reference configuration (qpos0), m in its world."""
-        import mujoco
-
-        data, (body, place) = mujoco.MjData(self.model), self.payload
-        mujoco.mj_kinematics(self.model, data)
-        x, y, z = (data.xpos[body] + data.xmat[body].reshape(3, 3) @ place).tolist()
-        return x, y, z
+    @property
+    def payload_place(self) -> tuple[float, float, float, float]:
+        """The number of the body that holds the payload, and where, m in its frame."""
+        body, (x, y, z) = self.payload[0], self.payload[1].tolist()
+        return float(body), x, y, z
 
     @cached_property
     def limits(self) -> Mapping[str, tuple[float, float]]:

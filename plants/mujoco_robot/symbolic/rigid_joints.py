@@ -17,7 +17,7 @@ from residual_mpc.models.settings import Settings
 if TYPE_CHECKING:
     import mujoco
 
-PAYLOAD = "residual_mpc.payload"  # name of the site that marks its place
+PAYLOAD_SITE = "residual_mpc.payload"  # name of the site that marks its place
 
 
 def rigid_joints(robot: CompiledRobot) -> tuple[str, ...]:
@@ -52,7 +52,7 @@ def with_rigid_joints(robot: CompiledRobot, settings: Settings) -> tuple[Compile
         spec.delete(spec.joint(name))
     _mark_payload(robot, spec)
     model = prepared(spec.compile())
-    site = model.site(PAYLOAD)
+    site = model.site(PAYLOAD_SITE)
     payload, axes = (int(site.bodyid[0]), site.pos.copy()), quat_to_matrix(site.quat)
     rigid = replace(robot, model=model, spec=spec, loops=None, payload=payload, payload_axes=axes)
     left_out = f"{_listed(names)}: fixed in the step, at the model's reference configuration (qpos0)"
@@ -67,7 +67,7 @@ def _mark_payload(robot: CompiledRobot, spec: "mujoco.MjSpec") -> None:
     name, quat = robot.model.body(body).name, np.empty(4)
     mujoco.mju_mat2Quat(quat, robot.payload_axes.ravel())
     holds = spec.body(name) if name else spec.bodies[body]
-    holds.add_site(name=PAYLOAD, pos=place, quat=quat)
+    holds.add_site(name=PAYLOAD_SITE, pos=place, quat=quat)
 
 
 def _coupled(model: "mujoco.MjModel") -> set[int]:

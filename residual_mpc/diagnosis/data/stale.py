@@ -13,7 +13,7 @@ SLOWER = 0.3  # share of the samples from which they are those of a slower senso
 
 
 def any_slow(data: Dataset) -> bool:
-    """Whether a position sensor is slower than its log, which repeats its readings."""
+    """Whether a position sensor is slower than its log, in which its readings repeat."""
     return bool(with_stale(data, {}))
 
 

@@ -65,12 +65,13 @@ def _moves(robot: Robot, i: int, data: Dataset, settings: UnknownPastSettings) -
 
 def _rises(signal: Signal, begin: float, settings: UnknownPastSettings) -> bool:
     """Whether the cubic through the first samples has a slope at the first stamp that noise does not explain: what sets
-    off from rest has none. Too few samples do not tell that from motion; of a sensor so slow that a start state has no
-    more than two, whether the second one has moved."""
+    off from rest has none. Too few samples do not tell that from motion; of a sensor so slow that the start state rests
+    on at most two readings, the second has to differ from the first."""
     near = int(np.searchsorted(signal.t, begin + settings.seconds + 1e-9))
     t, y = signal.t[:near] - begin, signal.y[:near]
     if len(t) < settings.samples:
-        slow = np.searchsorted(signal.t, begin + REACH + 1e-9) <= 2 < len(signal.t)
+        few = np.searchsorted(signal.t, begin + REACH + 1e-9) <= 2 < len(signal.t)
+        slow = few and float(np.median(np.diff(signal.t))) > REACH / 3.0  # and no dropout of a faster one
         step = abs(signal.y[1] - signal.y[0]) if slow else 0.0
         return bool(step > settings.certain * np.sqrt(2.0) * noise_sigma(signal.t, signal.y))
     if np.ptp(y) == 0.0:

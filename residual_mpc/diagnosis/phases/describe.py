@@ -129,7 +129,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
             verdict=verdict,
         ),
         values=of.space.whole(final.values) if helps else of.base.values,
-        notes=notes(of, found, odd, unlike, settings=settings),
+        notes=notes(of, validated.judged, odd, unlike, settings=settings),
     )
 
 
@@ -142,7 +142,7 @@ def _likely(causes: Sequence[Cause], looked_at: Sequence[Candidate], groups: Seq
 
 
 def as_named(looked_at: Sequence[Candidate], causes: Sequence[Cause]) -> tuple[Candidate, ...]:
-    """The candidates, those that are named with the probability of the cause, which a doubtful number lowers."""
+    """The candidates, ranked; a named one has the probability of its cause, which a doubtful number lowers."""
     named = {c.term: c.probability for c in causes}
     out = (replace(c, probability=named.get(c.term, c.probability)) for c in looked_at)
     return tuple(sorted(out, key=lambda c: -c.probability))

@@ -45,7 +45,7 @@ def find_laws(
 def _more_to_explain(validated: Validated) -> bool:
     """Whether what is left may have a cause of its own: a small gap alone does not confirm effects. The error of the
     model's own time step has none, and where noise hides everything none can be seen."""
-    gaps = validated.gaps
+    gaps = validated.judged
     if gaps.blinded or (validated.verdict == "effects" and gaps.left_by_step(validated.options.settings)):
         return False
     return validated.verdict not in ("no_gap", "effects") or (validated.verdict == "effects" and not gaps.told)

@@ -10,7 +10,7 @@ from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import per_window
 from residual_mpc.diagnosis.data.left_out import across, unfit
 from residual_mpc.diagnosis.data.stale import any_slow
-from residual_mpc.diagnosis.data.unknown_past import runs_with_unknown_past, soon_after_unknown_past
+from residual_mpc.diagnosis.data.unknown_past import after_unknown_past, has_memory, runs_with_unknown_past
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.refine import Refined
 from residual_mpc.diagnosis.results.conditions import one_run
@@ -52,7 +52,7 @@ class Validated:
 
     @property
     def judged(self) -> ExplanationGaps:
-        """What the verdict is about: of a slow sensor its new readings alone."""
+        """What the verdict is about: of slow sensors, only the new readings."""
         return self.gaps if self.fresh is None else self.fresh
 
     @property
@@ -114,8 +114,9 @@ def _unlike(gaps: ExplanationGaps, settings: ResultSettings) -> Unlike:
     if gaps.verdict[0] == "no_gap":
         return Unlike()
     left = np.sqrt(per_window(of.raw, of.scales, gaps.errors["after" if gaps.helps else "before"]))
-    past = settings.data.unknown_past
-    left[soon_after_unknown_past(of.raw, runs_with_unknown_past(of.raw, past), past)] = np.nan  # the past made these
+    past, row = settings.data.unknown_past, of.space.settings([of.final.values if gaps.helps else of.base.values])
+    unknown = runs_with_unknown_past(of.clean, past) & has_memory(row)
+    left[~after_unknown_past(of.raw, np.ones(of.raw.count, dtype=bool), unknown, past)] = np.nan  # the past made these
     found = unlike_the_rest(of.raw, left, settings.aside, floor_of_each(of.after_data, of.scales, gaps.floors))
     stretches = joined_stretches(of.aside, found.stretches)
     there = across(of.raw, stretches)

@@ -22,7 +22,7 @@ from residual_mpc.models.settings import TUNE
 
 SMALLER_STEP = (
     'Use a smaller time step, or an implicit integrator if its own is explicit: <option timestep="0.0005" '
-    'integrator="implicitfast"/> in an MJCF file, the same within <mujoco> in a URDF.'
+    'integrator="implicitfast"/> in an MJCF file, in a URDF, the same element inside <mujoco>.'
 )
 
 

@@ -181,7 +181,7 @@ def measure_gaps(
     floors = noise_errors(quick, row, rng, floor_draws(seen, steps, settings=settings.predict), seen)
     floor = floor_under(seen, scales, floors, test, settings=settings.predict)
     everywhere = floor_under(seen, scales, floors, np.ones(seen.count), settings=settings.predict)
-    unknown = runs_with_unknown_past(raw, settings.data.unknown_past) & has_memory(row)
+    unknown = runs_with_unknown_past(of.clean, settings.data.unknown_past) & has_memory(row)
     looks = [_look(raw, scales, errors, test, bool(of.held.any()), floor, unknown, settings=settings)]
     # outliers count as a gap if they are named, or if their effect is excluded
     jumps = of.unnamed_outliers or (of.with_outliers and helps)

@@ -69,8 +69,8 @@ class _Scores:
 
 
 def variations(of: FittedExplanation, settings: ResultSettings) -> dict[Term, Variation]:
-    """The named effects whose size is not steady, tested on windows of the headline's horizon, held-out ones included,
-    those soon after an unknown past not; long logs are thinned evenly."""
+    """The named effects whose size is not steady, tested on windows of the headline's horizon, including held-out ones,
+    excluding those soon after an unknown past; long logs are thinned evenly."""
     return _varied(of, settings)[0]
 
 

@@ -121,10 +121,11 @@ def _as_late(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tupl
 def _as_heavy(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tuple[Term, ...]) -> list[Values]:
     """For a term that adds a mass, what imitates it with the same mass: where torques drive the robot, predictions
     diverge from a probe that is too heavy, and its fit does not come back."""
-    heavy = [v for k, v in fit.values.items() if k.term == gone and k.parameter == MASS]
-    others = [Knob(t.effect, t.target, MASS) for t in candidates if t != gone and imitate(t, gone)]
-    known = [k for k in others if k in problem.space.knobs(k.term)]
-    return [_with(problem, rest, {k: heavy[0]}) for k in known] if heavy else []
+    mass = next((v for k, v in fit.values.items() if k.term == gone and k.parameter == MASS), None)
+    others = [t for t in candidates if t != gone and imitate(t, gone) and not problem.space.are_twins(t, gone)]
+    knobs = [Knob(t.effect, t.target, MASS) for t in others]
+    known = [k for k in knobs if k in problem.space.knobs(k.term) and problem.space.bounds(k)[0] < (mass or 0.0)]
+    return [] if mass is None else [_with(problem, rest, {k: mass}) for k in known]
 
 
 def _delays(knob: Knob) -> bool:

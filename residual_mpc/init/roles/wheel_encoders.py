@@ -50,6 +50,7 @@ def unused_columns(
     why = {n: f"{name} has nothing of this kind" for n in signals.names if n not in roles.values()}
     for wheel in ("left", "right"):
         for command, column, turns in _encoders(f"position.{wheel}", guesses, signals, left):
-            many = f"its rate is {turns.slope:.3g} times {command}: an encoder in other units?"
-            why[column] = f'{many} written in rad, it may be used as "position.{wheel}"'
+            if words[command].unit is None:  # a command in rpm differs from an encoder in rad as well
+                many = f"its rate is {turns.slope:.3g} times {command}: possibly an encoder in other units"
+                why[column] = f'{many}. Converted to rad, it can be used as "position.{wheel}"'
     return tuple(Unmatched(n, reason) for n, reason in why.items())

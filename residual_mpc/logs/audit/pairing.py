@@ -123,8 +123,8 @@ def _swaps(
                     None,
                     f"{a_column} follows command.{b.name} and {b_column} follows command.{a.name} (correlation"
                     f" {strength:.2f}), and neither follows its own ({neither:.2f}): the columns are swapped",
-                    f"exchange the columns that the two are read from under [log] in the robot file; without entries "
-                    f'there, add "{a_column}" = "{b_column}" and "{b_column}" = "{a_column}"',
+                    "swap their source columns under [log] in the robot file, or add "
+                    f'"{a_column}" = "{b_column}" and "{b_column}" = "{a_column}" if it names none',
                 )
             )
     return findings, swapped
@@ -170,7 +170,7 @@ def _units(actuator: ActuatorFacts, name: str, seen: Follow) -> list[Finding]:
             what = f"{said}: {column} may be in revolutions per minute"
             return [Finding("warning", "rpm", "", column, None, what, f"multiply {column} by pi / 30")]
     if not 1.0 / APART < ratio < APART:
-        what = f"{said}: the units of the two differ"
+        what = f"{said}: their units differ"
         remedy = "write both in rad or rad/s (m or m/s); a count of an encoder is 2 pi / (counts of one turn) rad"
         return [Finding("warning", "unit", "", name, None, what, remedy)]
     return []

@@ -92,7 +92,7 @@ def _beyond_limits(name: str, runs: Sequence[Run], robot: RobotFacts) -> list[Fi
     else:
         some = "this run" if len(beyond) == 1 else f"{len(beyond)} of {len(runs)} runs, this one first"
         message += f" in {some}"
-        remedy += " there alone, or leave such runs out"
+        remedy += " there, or leave such runs out, and check the unit of the others, which reach less"
     return [Finding("error", "degrees", run.name, name, None, message, remedy)]
 
 

@@ -49,7 +49,7 @@ def new_readings_line(gap: Gap, explained: bool) -> str:
         return ""
     arrow = f" -> {number(last_of(new) or 0.0)}" if explained else ""
     figures = f"{number(first_of(new))}{arrow} (noise floor {number(new['noise_floor'], 2)})"
-    return f"without the readings that slow sensors repeat, the gap at {number(gap['horizon'])} s: {figures}"
+    return f"gap at {number(gap['horizon'])} s without repeated readings: {figures}"
 
 
 def window_gaps(gap: Gap, last: bool) -> Mapping[str, Any] | None:
