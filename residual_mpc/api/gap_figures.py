@@ -127,8 +127,14 @@ def as_seen(data: Dataset, model: Explaining, tuning: FitSettings) -> tuple[Data
 def _figures(
     data: Dataset, scales: Scales, mask: np.ndarray | None, model: Explaining, seed: int, tuning: FitSettings
 ) -> dict[str, Any]:
-    """The gap object of one horizon."""
+    """The gap object of one horizon, with the figures of the new readings where a sensor is slow."""
     data = data if mask is None else data.take(mask)
+    new = _plain_figures(without_repeats(data), scales, model, seed, tuning) if any_slow(data) else None
+    fresh = None if new is None else {k: new[k] for k in ("nominal", "model", "noise_floor")}
+    return {**_plain_figures(data, scales, model, seed, tuning), "new_readings": fresh}
+
+
+def _plain_figures(data: Dataset, scales: Scales, model: Explaining, seed: int, tuning: FitSettings) -> dict[str, Any]:
     seen, settings = as_seen(data, model, tuning)
     nominal = data.y - predict(data, Settings(1))[0]
     other = seen.y - predict(seen, settings)[0] if model.given else None
@@ -142,7 +148,6 @@ def _figures(
         windows["model"] = quantiles(per_window(seen, scales, other), seen)
     kept = telling(data)
     clear = [None if e is None else gap_of(of, scales, e, kept).total for of, e in ((data, nominal), (seen, other))]
-    new = _figures(without_repeats(data), scales, None, model, seed, tuning) if any_slow(data) else None
     return {
         "nominal": g.total,
         "model": None if m is None else m.total,
@@ -153,7 +158,6 @@ def _figures(
         "still": list(still_channels(data, scales)),
         "window_gaps": windows,
         "left_out_of_fits": {"windows": int((~kept).sum()), "nominal_without": clear[0], "model_without": clear[1]},
-        "new_readings": None if new is None else {k: new[k] for k in ("nominal", "model", "noise_floor")},
         "channels": {
             c: {
                 "nominal": float(g.channels[k]),

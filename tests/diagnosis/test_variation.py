@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,9 @@ from oracles.rover_log import ROBOT, rover_run, write_run
 import residual_mpc as rm
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import measure_scales
+from residual_mpc.diagnosis.results.divisions import divisions_of_effect
 from residual_mpc.diagnosis.results.settings import ResultSettings
-from residual_mpc.diagnosis.results.variation import _of_the_effect, variations_on
+from residual_mpc.diagnosis.results.variation import variations_on
 from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.models.settings import Knob, Term
 
@@ -144,12 +144,12 @@ def test_a_joint_whose_position_is_not_logged_has_no_thirds() -> None:
 
 def test_the_only_joint_of_a_robot_needs_no_name() -> None:
     data = replace(DATA, channels=tuple({"pose.x": "position.shaft"}.get(c, c) for c in DATA.channels))
-    scores: Any = SimpleNamespace(term=Term("viscous_friction", None), information=np.arange(data.count))
-    kinds = [d.kind for d in _of_the_effect(data, scores, ("shaft",))]
+    of = data, Term("viscous_friction", None), np.arange(data.count)
+    kinds = [d.kind for d in divisions_of_effect(*of, ("shaft",))]
     assert kinds == ["by_influence", "by_position"]
-    for division in _of_the_effect(data, scores, ("shaft",)):
+    for division in divisions_of_effect(*of, ("shaft",)):
         assert division.parts.shape == (3, data.count) and (division.parts.sum(axis=0) == 1).all()
-    assert [d.kind for d in _of_the_effect(data, scores, ("shaft", "tip"))] == ["by_influence"]
+    assert [d.kind for d in divisions_of_effect(*of, ("shaft", "tip"))] == ["by_influence"]
 
 
 def acting(strength: np.ndarray, change: np.ndarray) -> Variation:

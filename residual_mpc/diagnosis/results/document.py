@@ -12,6 +12,8 @@ from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.model_file import DIAGNOSIS_SCHEMA, MODEL_SCHEMA
 from residual_mpc.models.settings import Term, Values
 
+NEW_READINGS = ("nominal", "before", "after", "noise_floor", "windows", "horizons")  # figures of a gap
+
 
 def to_document(d: Diagnosis) -> dict[str, Any]:
     """diagnosis.json as plain lists, dicts and numbers; no NaN or infinity."""
@@ -29,23 +31,7 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
         "robot": d.robot,
         "verdict": d.verdict,
         "held_out": [k.document() for k in d.held_out],
-        "gap": {
-            "nominal": d.gap.nominal,
-            "before": d.gap.before,
-            "after": d.gap.after,
-            "noise_floor": d.gap.noise_floor,
-            "horizon": d.gap.horizon,
-            "windows": d.gap.windows,
-            "skipped": d.gap.skipped,
-            "still": list(d.gap.still),
-            "channels": {c: {"before": b, "after": a, "noise_floor": f} for c, (b, a, f) in d.gap.channels.items()},
-            "horizons": [h.document() for h in d.gap.horizons],
-            "constant_velocity": d.gap.constant_velocity,
-            "step_error": d.gap.step_error,
-            "own_step": d.gap.own_step,
-            "blinded": d.gap.blinded,
-            "new_readings": None if d.gap.new_readings is None else _new_readings(d.gap.new_readings),
-        },
+        "gap": _gap(d.gap),
         "shrink": shrink,
         "where": {
             "stages": [{"name": s.name, "share": s.share} for s in d.stages],
@@ -114,14 +100,24 @@ def to_model(d: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _new_readings(gap: GapFigures) -> dict[str, Any]:
+def _gap(gap: GapFigures) -> dict[str, Any]:
+    new = None if gap.new_readings is None else _gap(gap.new_readings)
     return {
         "nominal": gap.nominal,
         "before": gap.before,
         "after": gap.after,
         "noise_floor": gap.noise_floor,
+        "horizon": gap.horizon,
         "windows": gap.windows,
+        "skipped": gap.skipped,
+        "still": list(gap.still),
+        "channels": {c: {"before": b, "after": a, "noise_floor": f} for c, (b, a, f) in gap.channels.items()},
         "horizons": [h.document() for h in gap.horizons],
+        "constant_velocity": gap.constant_velocity,
+        "step_error": gap.step_error,
+        "own_step": gap.own_step,
+        "blinded": gap.blinded,
+        "new_readings": None if new is None else {k: new[k] for k in NEW_READINGS},
     }
 
 

@@ -163,16 +163,11 @@ def measure_gaps(
     predicted = {"before": before, "after": after}
     errors = {"nominal": of.raw.y - nominal, "before": of.raw.y - before, "after": of.after_data.y - after}
     test, scales = of.test, of.scales
-    trust = window_trust(of.raw, scales, errors["before"], settings=settings.data)
-    helps = of.anything and makes_smaller(of, longer, rows, errors, trust, settings=settings)
-    forecast = constant_velocity(of.raw)
-    steady = gap_of(of.raw, scales, of.raw.y - forecast, test).total
-    usual = trust * (test & ~across(of.raw, of.aside))
-    useless = worse_than_forecast(
-        of.raw, scales, errors["after" if helps else "before"], of.raw.y - forecast, usual, settings=settings
-    )
-    helps = helps and not useless
-    if judged is not None:
+    forecast = of.raw.y - constant_velocity(of.raw)
+    steady = gap_of(of.raw, scales, forecast, test).total
+    if judged is None:
+        helps, useless = _helps(of, longer, rows, errors, forecast, settings)
+    else:
         helps, useless = judged.helps, judged.useless
     row = rows.take(np.array([2 if helps else 1]))
     noise = _noise(of, longer, row, settings=settings)
@@ -195,10 +190,11 @@ def measure_gaps(
             looks.append(more)
             horizons.append(Seen(all_before[0], all_before[1], look.scales, all_floor))
             anywhere = anywhere or horizons[-1].beyond_noise(settings)
-    stepping = anywhere and only_the_step(horizons, rows.take(np.array([1])), settings=settings)
-    anywhere = anywhere and not stepping
-    blinded = not anywhere and not stepping and bool(floor.total > np.fmax(steady, settings.gaps.useless))
-    if judged is not None:
+    if judged is None:
+        stepping = anywhere and only_the_step(horizons, rows.take(np.array([1])), settings=settings)
+        anywhere = anywhere and not stepping
+        blinded = not anywhere and not stepping and bool(floor.total > np.fmax(steady, settings.gaps.useless))
+    else:
         anywhere, stepping, blinded = judged.anywhere, judged.stepping, judged.blinded
     helps = helps and anywhere  # nothing to explain is no gap, whatever fits better
     return ExplanationGaps(
@@ -217,6 +213,24 @@ def measure_gaps(
         stepping,
         blinded,
     )
+
+
+def _helps(
+    of: FittedExplanation,
+    longer: Sequence[HorizonWindows],
+    rows: Settings,
+    errors: dict[str, np.ndarray],
+    forecast: np.ndarray,
+    settings: ResultSettings,
+) -> tuple[bool, bool]:
+    """Whether the explanation makes the gap smaller, and whether even with it the model is useless, which no
+    explanation helps; forecast (W, M, C): errors of a forecast of constant velocity."""
+    trust = window_trust(of.raw, of.scales, errors["before"], settings=settings.data)
+    helps = of.anything and makes_smaller(of, longer, rows, errors, trust, settings=settings)
+    usual = trust * (of.test & ~across(of.raw, of.aside))
+    left = errors["after" if helps else "before"]
+    useless = worse_than_forecast(of.raw, of.scales, left, forecast, usual, settings=settings)
+    return helps and not useless, useless
 
 
 def _noise(

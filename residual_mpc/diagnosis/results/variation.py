@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales, fit_trust
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.data.unknown_past import after_unknown_past, runs_with_unknown_past
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import Fit, on_problem
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
+from residual_mpc.diagnosis.results.divisions import KINDS, Division, divisions_of, divisions_of_effect
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.odd_run import odd_run
 from residual_mpc.diagnosis.results.settings import ResultSettings, VariationSettings
@@ -29,10 +29,6 @@ from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Knob, Term, Values
 
 ITERATIONS = 4  # of the sizes of the parts
-LEVELS = ("small", "medium", "large")  # of the motion within a window
-KINDS = ("by_run", "by_motion", "by_influence", "by_position")
-PLACES = ("low", "middle", "high")  # of a joint, over all windows
-INFLUENCES = ("weak", "medium", "strong")  # of the effect on the prediction of a window
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +101,7 @@ def variations_on(
     """Which of these effects of a fit are not steady on the windows of the problem, and the residuals (W, n) beside
     them."""
     blocks, r, out = blocks_of(problem.data, settings=settings.fit), fit.r, dict[Term, Variation]()
-    divisions = _divisions(problem.data, scales, settings.variation.runs)
+    divisions = divisions_of(problem.data, scales, settings.variation.runs)
     left = list(terms)
     while left:  # the clearest first: one varying effect can make others appear to vary
         each = (_scores(fit, t, r, blocks, problem.data.run) for t in left)
@@ -118,51 +114,6 @@ def variations_on(
         left.remove(found.term)
         r = r + found.moved
     return out, r
-
-
-@dataclass(frozen=True, eq=False)
-class _Division:
-    """kind: of KINDS; names: of its parts (P, W) bool; of: the quantity (W,) by which the windows are divided, NaN
-    where it is not known, None for runs."""
-
-    kind: str
-    names: tuple[str, ...]
-    parts: np.ndarray
-    of: np.ndarray | None = None
-
-
-def _divisions(data: Dataset, scales: Scales, most: int) -> tuple[_Division, ...]:
-    """By run, unless there are too many of them, and by the size of the motion within a window, in thirds."""
-    runs = np.unique(data.run)
-    by_run = _Division("by_run", tuple(data.runs[i].name for i in runs), data.run == runs[:, None])
-    moved = (data.y - data.y[:, :1]) / scales.motion
-    level = np.sqrt(np.nanmean(np.where(np.isfinite(moved), moved, 0.0) ** 2, axis=(1, 2)))
-    by_motion = _thirds("by_motion", LEVELS, level)
-    return (by_motion,) if len(runs) > most else (by_run, by_motion)
-
-
-def _of_the_effect(data: Dataset, scores: _Scores, slots: tuple[str, ...]) -> tuple[_Division, ...]:
-    """By how much the effect changes the prediction of a window, and by where the joint that it acts on, or whose
-    sensor it acts on, is in a window, in thirds; the latter not where it acts on no single joint whose position is
-    logged. slots: the targets that the robot has for the effect."""
-    by_influence = _thirds("by_influence", INFLUENCES, scores.information)
-    target = slots[0] if scores.term.target is None and len(slots) == 1 else scores.term.target
-    names = (str(target), f"position.{target}")
-    channel = next((c for c in names if c.startswith("position.") and c in data.channels), None)
-    if channel is None:
-        return (by_influence,)
-    y = data.y[:, :, data.channels.index(channel)]
-    seen = np.isfinite(y)
-    place = np.where(seen, y, 0.0).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
-    return by_influence, _thirds("by_position", PLACES, np.where(seen.any(axis=1), place, np.nan))
-
-
-def _thirds(kind: str, names: tuple[str, ...], of: np.ndarray) -> _Division:
-    """The windows in thirds of a quantity (W,); where it is not known they join the middle third."""
-    known = np.isfinite(of)
-    ends = np.quantile(of[known], (1 / 3, 2 / 3)) if known.any() else np.zeros(2)
-    third = np.where(known, np.searchsorted(ends, of), 1)
-    return _Division(kind, names, third == np.arange(len(names))[:, None], of)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,11 +144,13 @@ def _scores(fit: Fit, term: Term, r: np.ndarray, blocks: np.ndarray, run: np.nda
 
 
 def _of_one(
-    scores: _Scores, problem: Problem, values: Values, divisions: tuple[_Division, ...], settings: VariationSettings
+    scores: _Scores, problem: Problem, values: Values, divisions: tuple[Division, ...], settings: VariationSettings
 ) -> _Found | None:
     """The clearest variation of one effect; None if it is steady, as far as these windows show. Runs with other motions
     differ where the size depends on the motion: then it also differs within runs, and that is the variation."""
-    every = (*divisions, *_of_the_effect(problem.data, scores, problem.space.slots[scores.term.effect]))
+    every = (*divisions, *divisions_of_effect(
+        problem.data, scores.term, scores.information, problem.space.slots[scores.term.effect]
+    ))
     found = [(d, f) for d in every if (f := _divided(scores, problem, values, d, settings)) is not None]
     run = problem.data.run
     inside = {d.kind for d, _ in found if d.of is not None and _differs_within_runs(scores, d.of, run, settings)}
@@ -228,7 +181,7 @@ def _differs_within_runs(scores: _Scores, of: np.ndarray, run: np.ndarray, setti
 
 
 def _divided(
-    scores: _Scores, problem: Problem, values: Values, division: _Division, settings: VariationSettings
+    scores: _Scores, problem: Problem, values: Values, division: Division, settings: VariationSettings
 ) -> _Found | None:
     """The sizes in the parts of a division; None if they do not differ beyond doubt and by something that matters."""
     shown = [k for k, p in enumerate(division.parts) if np.isfinite(scores.step(p)) and scores.tells(p, settings.told)]
