@@ -9,6 +9,7 @@ from residual_mpc.comparison.account import account_of
 from residual_mpc.comparison.aside import aside_note, unlike_in_sets, without_unlike
 from residual_mpc.comparison.common_effects import with_common_effects
 from residual_mpc.comparison.conditions import driven_differently
+from residual_mpc.comparison.exchanges import exchanged
 from residual_mpc.comparison.named import named_changes, other_candidates, plain
 from residual_mpc.comparison.outliers import changed_outliers
 from residual_mpc.comparison.prepare import (
@@ -21,7 +22,7 @@ from residual_mpc.comparison.prepare import (
 )
 from residual_mpc.comparison.records import Change, ChangeCandidate, ComparedGap, Comparison
 from residual_mpc.comparison.rivals import find_change_rivals
-from residual_mpc.comparison.search import leading_change, search_changes
+from residual_mpc.comparison.search import FoundChanges, leading_change, search_changes
 from residual_mpc.comparison.sets import TwoSets
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.settled import Searched, Settled, settle
@@ -29,6 +30,7 @@ from residual_mpc.comparison.sizes import changed_numbers, least_half
 from residual_mpc.comparison.space import ChangeSpace
 from residual_mpc.comparison.suspect import suspect_note
 from residual_mpc.comparison.thresholds import spread_of
+from residual_mpc.comparison.units import Units
 from residual_mpc.comparison.verdict import unexplained_share, verdict_of, worth_naming
 from residual_mpc.comparison.visible import smallest_visible
 from residual_mpc.diagnosis.data.dataset import Dataset
@@ -36,7 +38,7 @@ from residual_mpc.diagnosis.data.gap import Scales
 from residual_mpc.diagnosis.fit.least_squares import on_problem
 from residual_mpc.diagnosis.options import Progress
 from residual_mpc.diagnosis.predict.longer_steps import on_longer_steps
-from residual_mpc.diagnosis.predict.problem import reweigh
+from residual_mpc.diagnosis.predict.problem import Problem, reweigh
 from residual_mpc.diagnosis.results.next_experiment import next_experiment
 from residual_mpc.diagnosis.search.testable import not_testable
 from residual_mpc.effects.sensor import SENSOR_OUTLIERS
@@ -101,7 +103,7 @@ def _compared(
         start = None if searched is None else searched.found
         if start is None:
             account = with_common_effects(problem, account, units, settings)
-        searched = Searched(search_changes(problem, account, units, settings, start), problem, units)
+        searched = Searched(_searched(problem, account, units, settings, start), problem, units)
     assert searched is not None
     whole = _on_all_windows(given, sets, windows[0], account, searched, settings)
     if whole.found.changes != searched.found.changes:
@@ -112,6 +114,15 @@ def _compared(
     jumping = _outliers(given, sets, settings)
     settled = settle(given, sets, windows[0], whole, rivals, bool(jumping), rng, settings)
     return Compared(sets, settled, (searched, whole), jumping)
+
+
+def _searched(
+    problem: Problem, account: Values, units: Units, settings: ComparisonSettings, start: FoundChanges | None
+) -> FoundChanges:
+    """Changes one by one, exchanges of two, and what further changes are found beside those."""
+    found = search_changes(problem, account, units, settings, start)
+    better = exchanged(problem, found, units, settings)
+    return found if better is found else search_changes(problem, account, units, settings, better)
 
 
 def _on_all_windows(

@@ -13,6 +13,7 @@ from residual_mpc.comparison.units import Units
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, possible
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.additions import varied
+from residual_mpc.effects.effect import Parameter
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
@@ -42,16 +43,28 @@ class FittedLead:
 def with_change(problem: Problem, values: Values, lead: Contrast) -> Values:
     """Where the fit of a lead begins: its probe, scaled as the units tell, as a change and, where doing nothing is a
     number, on both sets, so that the model's own error in it is none of the change."""
-    out = dict(values)
+    out = {**values, **scaled_probe(problem, lead.probe, lead.dose)}
     both = not any(BY_NAME[k.effect].parameter(k.parameter).shape for k in lead.probe)
     for knob, value in lead.probe.items():
         p = BY_NAME[knob.effect].parameter(knob.parameter)
-        scaled = not p.shape and np.isfinite(p.null) and not p.threshold
-        out[knob] = _within(problem, knob, _times(p.null, value, lead.dose) if scaled else value)
         own = knob._replace(changed=False)
         if both and np.isfinite(p.null) and not {own, own._replace(target=None)} & values.keys():
-            out[own] = _within(problem, own, _times(p.null, value, lead.before) if scaled else p.null)
+            out[own] = _within(problem, own, _times(p.null, value, lead.before) if _is_scaled(p) else p.null)
     return out
+
+
+def scaled_probe(problem: Problem, probe: Values, dose: float) -> Values:
+    """A probe of a change, its distance from doing nothing multiplied by `dose` where it has one."""
+    out = {}
+    for knob, value in probe.items():
+        p = BY_NAME[knob.effect].parameter(knob.parameter)
+        out[knob] = _within(problem, knob, _times(p.null, value, dose) if _is_scaled(p) else value)
+    return out
+
+
+def _is_scaled(p: Parameter) -> bool:
+    """Whether a number of an effect grows with its dose."""
+    return not p.shape and bool(np.isfinite(p.null)) and not p.threshold
 
 
 def _times(null: float, value: float, dose: float) -> float:

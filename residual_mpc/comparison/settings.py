@@ -70,10 +70,12 @@ class ChangeSearchSettings:
     likelihood ratio below which two sets of changes are not distinguished, if the rival explains at least the share
     `resembles` of what the change explains; hardly: the same for two effects that imitate each other: what neither
     explains may favour either; equal: likelihood ratio below which the first in the contract's table is
-    preferred; rivals: number of rivals that are compared with a change beside the same model errors; far_worse: ratio
-    of the residuals of every later run to those of every run before, above which a search that found nothing begins
-    again from the model of the runs before; dominant: share of the cost that a single change has to remove for its fit
-    to speak for it where no test is significant. steps: simulation steps that one hypothesis may cost in the search;
+    preferred; exchanges: two others in place of two changes are fitted if a Gauss-Newton step predicts a cost of at
+    most this times that of the changes; rivals: number of rivals that are compared with a change beside the same model
+    errors; far_worse: ratio of the residuals of every later run to those of every run before, above which a search that
+    found nothing begins again from the model of the runs before; dominant: share of the cost that a single change has
+    to remove for its fit to speak for it where no test is significant. steps: simulation steps that one hypothesis may
+    cost in the search;
     final_steps: the same in the last fit and the tests."""
 
     shortlist: int = 14
@@ -85,6 +87,7 @@ class ChangeSearchSettings:
     hardly: float = 20.0
     resembles: float = 0.5
     equal: float = 1.5
+    exchanges: float = 1.5
     rivals: int = 4
     far_worse: float = 2.0
     dominant: float = 0.5
@@ -93,7 +96,7 @@ class ChangeSearchSettings:
 
     def __post_init__(self) -> None:
         check_positive(self, "shortlist", "finalists", "rough", "most", "needed", "alike", "hardly", "resembles",
-                       "equal", "rivals", "far_worse")  # fmt: skip
+                       "equal", "exchanges", "rivals", "far_worse")  # fmt: skip
         check_positive(self, "steps", "final_steps")
         check_share(self, "dominant")
 

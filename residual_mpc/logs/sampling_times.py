@@ -5,6 +5,9 @@ stamps: a moving joint then seems to jump by its speed times the error of each s
 and their stamps say when. The samples themselves tell the two apart: at the right times each lies on the cubic through
 its four neighbours. In between, both vary, and the best guess of a sample's time is an even clock plus the share of the
 stamp's deviation that belongs to the sampling.
+
+A joint that follows its command at once shows what was commanded at the stamp before. Its samples lie on a smooth curve
+over the stamps of the rows before them, and these stamps are right.
 """
 
 from __future__ import annotations
@@ -42,17 +45,21 @@ class StampTest:
         likelihood: (S,) log-likelihood of each of SHARES, less that of the stamps as logged.
         error: (S,) mean square error of the cubics over that at the stamps as logged, of the channel where it falls
             most.
+        before: log-likelihood of the stamps of the rows before, less that of the stamps as logged.
     """
 
     even: FloatArray
     spread: float
     likelihood: FloatArray
     error: FloatArray
+    before: float
 
     @property
     def sampling(self) -> float | None:
         """The share of the stamps' deviation that is the sampling's; None where the run alone does not tell."""
         best = int(self.likelihood.argmax())
+        if self.before > max(self.likelihood[best], EVIDENCE):
+            return 1.0
         if SHARES[best] == 1.0:
             return 1.0 if self.likelihood[:-1].max() < -EVIDENCE else None
         return SHARES[best] if self.likelihood[best] > EVIDENCE and self.error[best] < LESS else None
@@ -113,12 +120,15 @@ def _test(run: Run) -> StampTest | None:
     spread = float(np.sqrt(np.mean((t - even) ** 2)))
     if spread < STEADY * period or not channels:
         return None
-    sizes, counts = cubic_errors([even + share * (t - even) for share in SHARES], channels, FAR * period)
+    of_before = even + np.concatenate([[0.0], (t - even)[:-1]])
+    shares = [even + share * (t - even) for share in SHARES]
+    sizes, counts = cubic_errors([of_before, *shares], channels, FAR * period)
     if not len(sizes):
         return None
     likelihood = -0.5 / TOGETHER * (counts[:, None] * np.log(sizes)).sum(axis=0)
-    error = (sizes / sizes[:, -1:]).min(axis=0)
-    return StampTest(even, spread, likelihood - likelihood[-1], error)
+    before, *likelihood = likelihood - likelihood[-1]
+    error = (sizes[:, 1:] / sizes[:, -1:]).min(axis=0)
+    return StampTest(even, spread, np.array(likelihood), error, float(before))
 
 
 def cubic_errors(

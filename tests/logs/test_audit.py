@@ -114,7 +114,7 @@ def test_a_delay_is_no_fault() -> None:
     np.testing.assert_allclose(found, 60.0, atol=10.0)
     assert all(f.message.endswith("(delay, lag and inertia combined)") for f in findings)
     known = replace(ARM, actuators=tuple(replace(a, lag=0.045) for a in ARM.actuators))
-    said = "(of which the modelled servo alone has 45 ms in steady motion)"
+    said = "(the modelled servo alone lags by 45 ms in steady motion)"
     assert all(f.message.endswith(said) for f in audit(arms(), known))
 
 

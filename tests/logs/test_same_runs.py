@@ -129,8 +129,10 @@ def test_every_format_gives_the_run_of_the_csv(tmp_path: Path, name: str) -> Non
 
 def test_a_body_velocity_is_wheel_speeds(tmp_path: Path) -> None:
     columns = table()
-    run = one_run(write_csv(tmp_path, columns))
+    result = read_runs([write_csv(tmp_path, columns)], ROVER)
+    (run,), (said,) = result.runs, [f for f in result.findings if f.kind == "body velocity"]
     v, w = columns["command.linear"], columns["command.angular"]
+    assert "a wheel radius of 0.033 m and a track width of 0.16 m" in said.message
     np.testing.assert_allclose(run.columns["command.left"], (v - 0.08 * w) / 0.033, rtol=1e-14)
     np.testing.assert_allclose(run.columns["command.right"], (v + 0.08 * w) / 0.033, rtol=1e-14)
     assert "command.linear" not in run.columns

@@ -60,6 +60,15 @@ def test_samples_taken_unevenly_keep_their_stamps(rate: float, sampled: float) -
     assert with_sampling_times([run]) == ((run,), ())
 
 
+def test_joints_that_show_the_command_of_the_row_before_keep_their_stamps() -> None:
+    """The loop is uneven and its stamps are right, but an even clock is nearer to the stamps of the rows before."""
+    run, taken = logged("a", 40.0, 0.08, 0.0, seed=8, seconds=60.0)
+    rng = np.random.default_rng(9)
+    shown = moving(taken - np.diff(taken, prepend=-0.025)) + SIGMA * rng.standard_normal(len(taken))
+    late = replace(run, columns={**run.columns, "position.j": shown})
+    assert with_sampling_times([late]) == ((late,), ())
+
+
 def test_where_both_vary_the_error_falls() -> None:
     run, taken = logged("a", 100.0, 0.08, 0.16, seed=3, seconds=60.0)
     (mended,), (finding,) = with_sampling_times([run])

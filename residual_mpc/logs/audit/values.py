@@ -42,17 +42,18 @@ def _wraps(name: str, runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
     if not _turns(name, robot):
         return []
     for turn, unit in ((TURN_DEGREES, "degrees"), (TURN, "radians")):
-        for run in runs:
-            row = _first_wrap(run.columns[name], turn)
-            if row is None:
-                continue
-            jump = f"{name} jumps by one turn, in {unit}, at t = {run.t[row]:.6g} s"
-            if unit == "degrees":
-                remedy = "multiply it by pi / 180; angles must be in radians"
-                return [Finding("error", "degrees", run.name, name, row, jump, remedy)]
-            severity = "info" if name == "pose.theta" else "warning"  # the log format lets theta wrap
-            message = f"{jump}; it is unwrapped before the comparison"
-            return [Finding(severity, "wrapped angle", run.name, name, row, message)]  # type: ignore[arg-type]
+        rows = {run.name: (run, row) for run in runs if (row := _first_wrap(run.columns[name], turn)) is not None}
+        if not rows:
+            continue
+        run, row = next(iter(rows.values()))
+        where = f" (in {len(rows)} of {len(runs)} runs, this one first)" if len(rows) > 1 else ""
+        jump = f"{name} jumps by one turn, in {unit}, at t = {run.t[row]:.6g} s{where}"
+        if unit == "degrees":
+            remedy = "multiply it by pi / 180; angles must be in radians"
+            return [Finding("error", "degrees", run.name, name, row, jump, remedy)]
+        severity = "info" if name == "pose.theta" else "warning"  # the log format lets theta wrap
+        message = f"{jump}; it is unwrapped before the comparison"
+        return [Finding(severity, "wrapped angle", run.name, name, row, message)]  # type: ignore[arg-type]
     return []
 
 

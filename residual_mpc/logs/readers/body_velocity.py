@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from residual_mpc.logs.columns import group
+from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.run import FloatArray, hold
 
 LINEAR, ANGULAR = "command.linear", "command.angular"  # m/s forward, rad/s to the left
+LEFT, RIGHT = "command.left", "command.right"  # rad/s
 
 
 def as_wheel_speeds(columns: dict[str, FloatArray], wheels: tuple[float, float] | None) -> dict[str, FloatArray]:
@@ -28,7 +32,24 @@ def as_wheel_speeds(columns: dict[str, FloatArray], wheels: tuple[float, float] 
     sent = np.isfinite(columns[LINEAR]) | np.isfinite(columns[ANGULAR])
     v, w = (np.where(sent, hold(columns[name]), np.nan) for name in (LINEAR, ANGULAR))
     return {
-        "command.left": (v - 0.5 * track * w) / radius,
-        "command.right": (v + 0.5 * track * w) / radius,
+        LEFT: (v - 0.5 * track * w) / radius,
+        RIGHT: (v + 0.5 * track * w) / radius,
         **rest,
     }
+
+
+def said_of_wheel_speeds(
+    run: str, logged: Mapping[str, FloatArray], columns: Mapping[str, FloatArray], wheels: tuple[float, float] | None
+) -> list[Finding]:
+    """With which wheels (radius, track width; m) a body velocity was converted, if the run's columns show that it was.
+
+    These have to be the base controller's own, which need not be right: they say what the wheels were sent.
+    """
+    if wheels is None or LEFT in logged or LEFT not in columns:
+        return []
+    radius, track = wheels
+    text = (
+        f"{LINEAR} and {ANGULAR} were converted to the wheel speeds {LEFT} and {RIGHT}, with a wheel radius of "
+        f"{radius:.4g} m and a track width of {track:.4g} m, which have to be those of the base controller"
+    )
+    return [Finding("info", "body velocity", run, LEFT, None, text)]

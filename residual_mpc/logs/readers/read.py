@@ -12,7 +12,7 @@ from residual_mpc.errors import BadInput
 from residual_mpc.logs.clock import Stamps, count_from_start
 from residual_mpc.logs.columns import PER_ACTUATOR, PER_BODY, PER_JOINT, group, is_measured, likely_run, likely_time
 from residual_mpc.logs.finding import Finding, Severity, rows_were
-from residual_mpc.logs.readers.body_velocity import as_wheel_speeds
+from residual_mpc.logs.readers.body_velocity import as_wheel_speeds, said_of_wheel_speeds
 from residual_mpc.logs.readers.find import find_tables
 from residual_mpc.logs.readers.headers import read_headers
 from residual_mpc.logs.readers.layout import ColumnNames, Layout, check_log, lay_out, recognised, worth_reading
@@ -111,7 +111,8 @@ def _read_run(
         for key, column in layout.columns.items()
         if group(key) is not None
     }
-    columns = as_wheel_speeds(as_heading(columns), wheels)
+    logged, columns = columns, as_wheel_speeds(as_heading(columns), wheels)
+    findings += said_of_wheel_speeds(name, logged, columns, wheels)
     findings += _repeated(layout, piece, order, name, where)
     _check_values(columns, layout, where, open_choices)
     extra_columns = {key: order.apply(piece.cells[key][piece.rows]) for key in layout.extra if key in piece.cells}
