@@ -7,6 +7,7 @@ from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented
 from residual_mpc.export.casadi_model import CasadiModel, casadi_model
 from residual_mpc.extras import extra
+from residual_mpc.models import optional
 
 # states that no command moves, that only the network reads or writes, or where a motor is in its play
 UNCONTROLLED = ("clock", "disturbance.", "last.", "offset.", "play.")
@@ -70,7 +71,9 @@ def linearise(model: Augmented, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarra
 
 def controlled(model: Augmented) -> np.ndarray:
     """Indices of the states that a command moves and a cost may see."""
-    return np.array([i for i, s in enumerate(model.stepped.states) if not s.startswith(UNCONTROLLED)])
+    held = {f"{of}.{joint}" for joint in optional.held_joints(model.robot) for of in ("position", "velocity")}
+    states = enumerate(model.stepped.states)
+    return np.array([i for i, s in states if s not in held and not s.startswith(UNCONTROLLED)])
 
 
 def with_last_command(A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -116,7 +119,8 @@ def terminal_cost(model: Augmented, weights: Weights, cruise: float) -> np.ndarr
     Q, R = stage_cost(weights, model, states, C)
     Q = Q + 1e-9 * np.eye(len(Q))  # memory that no error sees is still to be detectable
     _, P = dlqr(A, B, Q, R)
-    where = [int(np.flatnonzero(states == model.stepped.states.index(c))[0]) for c in model.stepped.poses]
+    poses = [model.stepped.states.index(c) for c in model.stepped.poses]
+    where = np.flatnonzero(np.isin(states, poses))
     back = np.linalg.pinv(C[:, where], rcond=1e-3)  # the least move of the poses that makes an error
     block = back.T @ P[np.ix_(where, where)] @ back
     return 0.5 * (block + block.T)

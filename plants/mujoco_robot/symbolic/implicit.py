@@ -3,15 +3,17 @@
 M v' + c = T(q, v) - f is integrated as W (v+ - v) = h (T - c) - h^2 K v - h f with W = M + h D + h^2 K, where D_i =
 -dT_i/dv_i and K_i = -dT_i/dq_i: the linearly implicit Euler method (Hairer and Wanner, Solving ODEs II, 1996, section
 IV.7). MuJoCo's `implicitfast` is implicit in D only; the term in K keeps a stiff servo stable at any h. Dry friction
-satisfies |f_i| <= F_i, and f_i = F_i sgn(v+_i) for a moving joint; projected Gauss-Seidel sweeps over the joints find
-it, starting from the friction of the previous step.
+satisfies |f_i| <= F_i, and f_i = F_i sgn(v+_i) for a moving joint. It is found by projected Gauss-Seidel sweeps over
+the joints on the responses W^-1 to unit impulses, from the friction that would hold every joint (Stewart and Trinkle
+1996 state the complementarity problem). In these a moving joint has the right friction after one sweep, however
+strongly the links couple the joints, where sweeps on W itself converge slowly.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-SWEEPS = 3  # over the joints; W is nearly diagonal if servos are stiff or rotors heavy
+SWEEPS = 5  # over the joints; more than one only for joints that friction holds beside moving ones
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +40,11 @@ class LinearStep:
         """(n,) change of the velocities in a step of h s under the friction `held` (n,) N m."""
         return solved(self.factors, [r - h * f for r, f in zip(self.push, held, strict=True)])
 
+    def responses(self) -> list[list[Any]]:
+        """(n, n) W^-1, by joint: the change of the velocities under a unit impulse at it."""
+        n = len(self.push)
+        return [solved(self.factors, [1.0 if j == i else 0.0 for j in range(n)]) for i in range(n)]
+
 
 def linear_step(
     mass: Sequence[Sequence[Any]], bias: Sequence[Any], t: Torques, v: Sequence[Any], h: float
@@ -52,23 +59,25 @@ def linear_step(
 
 
 def velocities(
-    at: LinearStep, dry: Sequence[Any] | None, v: Sequence[Any], held: Sequence[Any], h: float, clip: Any
+    at: LinearStep, dry: Sequence[Any] | None, v: Sequence[Any], h: float, clip: Any
 ) -> tuple[list[Any], list[Any]]:
-    """v+ (n,) and the dry friction (n,) N m of a step of h s.
+    """v+ (n,) and the dry friction (n,) N m of a step of h s from the velocities v (n,).
 
-    dry: the level F; held (n,): the friction of the previous step; clip(x, bound): x limited to +-bound.
+    dry: the level F; clip(x, bound): x limited to +-bound.
     """
-    n, w = len(v), at.w
-    friction = list(held)
-    new = [speed + change for speed, change in zip(v, at.changes(friction, h), strict=True)]
+    n = len(v)
     if dry is None:
-        return new, friction
-    wanted = [at.push[i] + sum(w[i][j] * v[j] for j in range(n)) for i in range(n)]
+        return [speed + change for speed, change in zip(v, at.changes([0.0] * n, h), strict=True)], [0.0] * n
+    impulse = [at.push[i] + sum(at.w[i][j] * v[j] for j in range(n)) for i in range(n)]
+    friction = [clip(s / h, level) for s, level in zip(impulse, dry, strict=True)]
+    new = solved(at.factors, [s - h * f for s, f in zip(impulse, friction, strict=True)])
+    response = at.responses()
     for _ in range(SWEEPS):
         for i in range(n):
-            rest = wanted[i] - sum(w[i][j] * new[j] for j in range(n) if j != i)
-            friction[i] = clip(rest / h, dry[i])
-            new[i] = (rest - h * friction[i]) / w[i][i]
+            before = friction[i]
+            friction[i] = clip(before + new[i] / (h * response[i][i]), dry[i])
+            change = h * (friction[i] - before)
+            new = [speed - change * r for speed, r in zip(new, response[i], strict=True)]
     return new, friction
 
 

@@ -18,7 +18,7 @@ from plants.mujoco_robot.symbolic.description import Changes, describe
 from plants.mujoco_robot.symbolic.implicit import linear_step, velocities
 from plants.mujoco_robot.symbolic.numbers import Parameters
 from plants.mujoco_robot.symbolic.rigid_body import gravity_torques, mass_and_bias, tool_place
-from plants.mujoco_robot.symbolic.torques import JointTorques, casadi_clip
+from plants.mujoco_robot.symbolic.torques import JointTorques, dry_clip
 from residual_mpc.effects.body import TOOL_AXES
 from residual_mpc.effects.chain import Chain
 from residual_mpc.effects.library import changes
@@ -163,6 +163,6 @@ class _Law:
             change = step.changes(held, h), h
             torques = self.drives.torques(place, now, command, self.p, self.clock, change)
             step = linear_step(self.mass, bias, torques, now, h)
-        new, held = velocities(step, torques.dry, now, held, h, casadi_clip(self.drives.kinks.rough(1.0)))
+        new, held = velocities(step, torques.dry, now, h, dry_clip(self.drives.kinks))
         after = ca.vertcat(*new)
         return at + h * after, after, held

@@ -16,7 +16,7 @@ from residual_mpc.effects.chain import Chain, scaled
 from residual_mpc.effects.effect import Site
 from residual_mpc.effects.laws import NEAR, rounded, slope
 from residual_mpc.effects.library import BY_NAME, changes, elastic_line, fitted_laws, present
-from residual_mpc.effects.ops import Array, Kinks, Ops, clip
+from residual_mpc.effects.ops import Array, Kinks, clip
 from residual_mpc.extras import extra
 
 
@@ -255,6 +255,10 @@ class JointTorques:
         return out
 
 
-def casadi_clip(ops: Ops) -> Any:
-    """(x, bound) -> x limited to +-bound."""
-    return lambda x, bound: clip(ops, x, -bound, bound)
+def dry_clip(kinks: Kinks) -> Any:
+    """(x, bound) -> x limited to +-bound, for dry friction. Its derivative is 0 where the bound is, at x = 0 as well:
+    there a joint at rest that has no friction would seem to stick."""
+    if kinks.width > 0.0:
+        return lambda x, bound: clip(kinks.rough(1.0), x, -bound, bound)
+    ops = kinks.exact
+    return lambda x, bound: ops.where(x < bound, ops.where(x > -bound, x, -bound), bound)
