@@ -100,6 +100,40 @@ def test_the_weight_of_the_nominal_model_is_borne(tmp_path: Path, beside: Hypoth
     assert np.abs(without["position.j1"][0] - fine[:, 0]).max() > 0.1
 
 
+def compensated(xml: str) -> str:
+    """The same model with a gravcomp of 1 on both links."""
+    return xml.replace('<body name="upper"', '<body name="upper" gravcomp="1"').replace(
+        '<body name="lower"', '<body name="lower" gravcomp="1"'
+    )
+
+
+@pytest.mark.parametrize("beside", [{}, LOADED], ids=["alone", "with a load, another mass and length, and a tilt"])
+def test_gravcomp_of_the_model_bears_its_nominal_weight(tmp_path: Path, beside: Hypothesis) -> None:
+    """A controller that MuJoCo's gravcomp stands for knows of no payload."""
+    robot = robot_of(tmp_path, compensated(arm_xml(SOFT)), payload_site="tool")
+    drive, start = random_drive(robot, 1, STEPS), random_start(robot, 1)
+    came = robot.replay(start, drive, settings_of(robot, beside), CHANNELS)
+    found = np.stack([came[f"position.j{i}"][0] for i in (1, 2)], axis=1)
+    plain = mujoco.MjModel.from_xml_string(arm_xml(SOFT))
+    model = loaded(plain) if beside else copy(plain)
+    expected = truth(model, plain, start, drive.command[0, drive.lead :], 1, 1.0)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=2e-6)
+
+
+def test_rows_of_a_model_with_gravcomp_are_themselves(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, compensated(arm_xml(SOFT)), payload_site="tool")
+    friction = {("coulomb_friction", None, "torque"): 0.2}
+    assert_rows_are_themselves(robot, [{}, LOADED, friction, {**friction, ("payload", None, "mass"): 0.2}], 60)
+
+
+def test_the_mjcf_of_a_model_with_gravcomp_keeps_the_nominal_weight(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, compensated(arm_xml(SOFT)))
+    made = robot.to_mjcf(settings_of(robot, {("link_mass", "upper", "mass"): 0.4}), tmp_path)
+    model = mujoco.MjModel.from_xml_string(made.text)
+    np.testing.assert_allclose(model.body_gravcomp, [0.0, 0.8 / 1.2, 1.0], rtol=1e-6)
+    assert made.apart < 1e-6
+
+
 @pytest.mark.parametrize("feedback", ["motor", "link"])
 @pytest.mark.parametrize("integrator", ["implicitfast", "RK4"])
 def test_the_compiled_steps_are_those_of_mujoco(tmp_path: Path, integrator: str, feedback: str) -> None:

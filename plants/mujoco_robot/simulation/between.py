@@ -10,7 +10,7 @@ from plants.mujoco_robot.edits.force_ranges import raised
 from plants.mujoco_robot.edits.split_gears import STIFF_SOLIMP, shares_behind
 from plants.mujoco_robot.simulation.fitted_laws import any_law, joint_laws, law_torques, levels, loads, signals_of
 from plants.mujoco_robot.simulation.gear_feedback import link_servos
-from plants.mujoco_robot.simulation.gravity_compensation import compensating
+from plants.mujoco_robot.simulation.gravity_compensation import compensating, unknown_weight
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.chain import limits_of, on_errors, scaled
 from residual_mpc.effects.effect import Effect, Values
@@ -24,7 +24,7 @@ def changing(robot: CompiledRobot, settings: Settings, wanted: tuple[str, ...]) 
     """(B,) bool: rows that need a word between the steps."""
     if any(c.startswith("output.") for c in wanted) or len(link_servos(robot)):
         return np.ones(settings.rows, dtype=bool)
-    slow = np.zeros(settings.rows, dtype=bool)
+    slow = unknown_weight(robot, settings)
     effects = settings.effects
     unsteady = [e for e, _ in present(effects, "strength", "limit", "speed limit", "friction") if not e.steady]
     for effect in (*unsteady, *(e for e, _ in on_errors(effects, robot.servo))):

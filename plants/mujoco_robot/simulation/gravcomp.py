@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plants.mujoco_robot.simulation.constants import corrected_constants
+from plants.mujoco_robot.simulation.gravity_compensation import unknown_weight
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.library import changes
 from residual_mpc.effects.surroundings import GRAVITY_COMPENSATION
@@ -31,12 +32,13 @@ def why_no_gravcomp(robot: CompiledRobot, settings: Settings) -> str:
 
 
 def write_gravcomp(spec: "mujoco.MjSpec", robot: CompiledRobot, settings: Settings) -> None:
-    """Write the share of each body's nominal weight that is compensated: gravcomp times its mass in the file."""
-    share = changes(settings.effects, "compensated gravity")
-    if share is None:
+    """Write the share of each body's nominal weight that is compensated, by the effect or by the model's own gravcomp:
+    that share times its mass in the file."""
+    share, model = changes(settings.effects, "compensated gravity"), robot.model
+    if share is None and not unknown_weight(robot, settings).any():
         return
-    nominal = robot.model.body_mass
-    mass = corrected_constants(robot, settings).get("body_mass", nominal)
+    borne = model.body_gravcomp if share is None else np.full(model.nbody, share[0, 0])
+    mass = corrected_constants(robot, settings).get("body_mass", model.body_mass)
     for body in spec.bodies:
         if mass[body.id] > 0.0:
-            body.gravcomp = float(share[0, 0] * nominal[body.id] / mass[body.id])
+            body.gravcomp = float(borne[body.id] * model.body_mass[body.id] / mass[body.id])

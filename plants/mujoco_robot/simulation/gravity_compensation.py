@@ -1,5 +1,11 @@
 """Torques of a controller that bear the weight of the modelled robot (PD control with gravity compensation: Siciliano
-et al., Robotics: Modelling, Planning and Control, 2009, section 8.5.1)."""
+et al., Robotics: Modelling, Planning and Control, 2009, section 8.5.1).
+
+The share that is an effect adds to the motors' torques. A model may have `gravcomp` instead, an upward force at the
+centre of mass of each body (MuJoCo, XML reference). In MuJoCo it grows with the body's mass and follows its centre.
+What a controller adds does not, since it knows of no payload, mass, length or tilt that the model lacks: in rows that
+have such an effect, `gravcomp` bears the weight of the model as its file has it.
+"""
 
 from collections.abc import Callable
 from copy import copy
@@ -9,43 +15,70 @@ from typing import Any
 import numpy as np
 
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from residual_mpc.effects.effect import Quantity
 from residual_mpc.effects.library import changes, present
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
 
+UNKNOWN: tuple[Quantity, ...] = (
+    "link mass", "link centre", "tool mass", "link length", "gravity roll", "gravity pitch"
+)  # fmt: skip
+
 
 @dataclass(frozen=True, eq=False)
 class Compensation:
-    """share (B, 1): of the gravity torques; nominal: a batch of the model as its file has it, whatever payload, masses,
-    lengths or tilt the rows have: the controller knows of none of them."""
+    """share (B, 1): of the gravity torques, or of the weight that `gravcomp` bears where the model has it; nominal: a
+    batch of the model as its file has it, whatever payload, masses, lengths or tilt the rows have."""
 
     robot: CompiledRobot
     share: np.ndarray
     nominal: Any
 
+    @property
+    def of_model(self) -> bool:
+        """Whether the model has it: as a force of its own, it acts without motors as well."""
+        return bool(self.robot.model.body_gravcomp.any())
+
     def torques(self, q: np.ndarray) -> np.ndarray:
-        """(B, nv) N m (N) that the motors add at positions q (B, nq): share g(q), with g(q) the bias force at rest
-        (MuJoCo, Computation, general framework); 0 at joints without a motor."""
+        """(B, nv) N m at positions q (B, nq): share g(q), with g(q) the bias force at rest (MuJoCo, Computation,
+        general framework), 0 at joints without a motor; or the share of what `gravcomp` adds."""
         import mujoco
 
         gears, place = self.robot.gears, self.nominal.bind("qpos")
-        weight = self.nominal.bind("qfrc_bias")  # what is bound later is not filled
+        weight = self.nominal.bind("qfrc_gravcomp" if self.of_model else "qfrc_bias")  # bound later, it is not filled
         place[:] = q
         if gears is not None and self.robot.servo_feedback == "motor":
             place[:, gears.places] = 0.0
         self.nominal.forward(stage=int(mujoco.mjtStage.mjSTAGE_VEL))
+        if self.of_model:
+            return np.asarray(self.share * weight)
         out = np.zeros((len(q), self.robot.model.nv))
         dofs = self.robot.dofs[np.unique(self.robot.driven)]
         out[:, dofs] = self.share * weight[:, dofs]
         return out
 
 
+def unknown_weight(robot: CompiledRobot, settings: Settings) -> np.ndarray:
+    """(B,) bool: rows with something heavy, or a tilt, that the model's `gravcomp` does not know of."""
+    rows = np.zeros(settings.rows, dtype=bool)
+    model = robot.model
+    if not model.body_gravcomp.any() or model.jnt_actgravcomp.any():  # as an actuator's torque, it has limits
+        return rows
+    for quantity in UNKNOWN:
+        change = changes(settings.effects, quantity)
+        if change is not None:
+            rows |= (change != 0.0).any(axis=1)
+    return rows
+
+
 def compensation_of(robot: CompiledRobot, settings: Settings, setting: np.ndarray | None) -> Compensation | None:
-    """The compensation in the rows, of the settings numbered `setting` (B,); None without any."""
+    """What is compensated beside MuJoCo's own `gravcomp` in the rows, of the settings numbered `setting` (B,); None
+    without any."""
     import mujoco
     from mujoco.batch import Batch
 
-    share = changes(settings.effects, "compensated gravity")
+    unknown = unknown_weight(robot, settings)
+    share = unknown[:, None].astype(float) if unknown.any() else changes(settings.effects, "compensated gravity")
     if share is None or not np.any(share):
         return None
     model, off = copy(robot.model), mujoco.mjtDisableBit
@@ -67,12 +100,14 @@ def compensating(
     compensation = compensation_of(robot, settings, drive.setting)
     if compensation is None:
         return None
+    if compensation.of_model:
+        batch.expand("body_gravcomp")[compensation.share[:, 0] > 0.0] = 0.0
     q, applied = batch.bind("qpos"), batch.bind("qfrc_applied")
     ruled, dofs = bool(any(present(settings.effects, "law"))), robot.dofs[robot.driven]
 
     def update(k: int, speed: np.ndarray, force: np.ndarray) -> None:
         torque = compensation.torques(q)
-        if drive.enabled is not None:
+        if drive.enabled is not None and not compensation.of_model:
             on = np.zeros_like(torque)
             for i, dof in enumerate(dofs.tolist()):
                 on[:, dof] = np.maximum(on[:, dof], drive.enabled[:, k, i])
