@@ -119,7 +119,21 @@ def _compared(
 def _searched(
     problem: Problem, account: Values, units: Units, settings: ComparisonSettings, start: FoundChanges | None
 ) -> FoundChanges:
-    """Changes one by one, exchanges of two, and what further changes are found beside those."""
+    """Changes one by one, exchanges of two, and what further changes are found beside those; and all of that again
+    where, beside the changes, both sets show further effects."""
+    found = _with_exchanges(problem, account, units, settings, start)
+    if not found.changes or start is not None:
+        return found
+    more = with_common_effects(problem, found.fit.values, units, settings)
+    if more.keys() == found.fit.values.keys():
+        return found
+    fuller = {k: v for k, v in more.items() if not k.changed}
+    return _with_exchanges(problem, fuller, units, settings, None)
+
+
+def _with_exchanges(
+    problem: Problem, account: Values, units: Units, settings: ComparisonSettings, start: FoundChanges | None
+) -> FoundChanges:
     found = search_changes(problem, account, units, settings, start)
     better = exchanged(problem, found, units, settings)
     return found if better is found else search_changes(problem, account, units, settings, better)
