@@ -11,14 +11,14 @@ class ContrastSettings:
     """unit: s, the shortest stretch of a run that counts as one observation; units: number of stretches into which a
     set is cut if it has fewer runs; fewest: number of stretches that a set must have. level: probability of a false
     change, over all hypotheses together; of_size: share of it for the sizes of the residuals; left: the same for a
-    difference beyond the named changes; outliers: for a share of outliers. of_runs: the smallest p that the divisions
-    of the runs can give has to be at most this for what a change explains in them to be tested; of_differences: the
-    same for the differences. lots: maximum number of divisions that are tried; run_lots: the same where the runs'
-    scatter is measured in each; labellings: number of ways to divide the runs, below which stretches are divided;
-    divisions: number of ways to divide the stretches, below which Student's distribution is used; clip: standard
-    deviations at which residuals are clipped. units_per_condition: number of units needed for each component of the
-    commands that the test adjusts for; balanced: largest difference between the sets' means of such a component, in
-    standard deviations."""
+    difference beyond the named changes; unsized: for a change whose intervals all include none; outliers: for a share
+    of outliers. of_runs: the smallest p that the divisions of the runs can give has to be at most this for what a
+    change explains in them to be tested; of_differences: the same for the differences. lots: maximum number of
+    divisions that are tried; run_lots: the same where the runs' scatter is measured in each; labellings: number of ways
+    to divide the runs, below which stretches are divided; divisions: number of ways to divide the stretches, below
+    which Student's distribution is used; clip: standard deviations at which residuals are clipped.
+    units_per_condition: number of units needed for each component of the commands that the test adjusts for; balanced:
+    largest difference between the sets' means of such a component, in standard deviations."""
 
     unit: float = 3.0
     units: int = 12
@@ -26,6 +26,7 @@ class ContrastSettings:
     level: float = 0.04
     of_size: float = 0.2
     left: float = 0.01
+    unsized: float = 0.01
     outliers: float = 0.01
     of_runs: float = 0.03
     of_differences: float = 0.01
@@ -40,7 +41,7 @@ class ContrastSettings:
     def __post_init__(self) -> None:
         check_positive(self, "unit", "units", "fewest", "lots", "run_lots", "labellings", "divisions", "clip",
                        "units_per_condition", "balanced")  # fmt: skip
-        check_share(self, "level", "of_size", "left", "outliers", "of_runs", "of_differences")
+        check_share(self, "level", "of_size", "left", "unsized", "outliers", "of_runs", "of_differences")
 
 
 @dataclass(frozen=True)

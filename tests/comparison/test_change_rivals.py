@@ -111,7 +111,7 @@ def test_one_change_that_explains_as_much_as_several_takes_their_place(
 @pytest.mark.parametrize(
     ("part", "p", "by_fit", "intervals_with_none", "expected"),
     [(0.01, 0.02, 1.0, (True,), True), (0.01, 0.02, 1.0, (True, False), False),
-     (0.2, 0.02, 1.0, (True,), False), (0.01, 0.02, 1.0, (False,), False),
+     (0.2, 0.005, 1.0, (True,), False), (0.2, 0.02, 1.0, (True,), True), (0.01, 0.02, 1.0, (False,), False),
      (0.9, 0.09, 1.0, (True,), True), (0.9, 0.09, 1.0, (False,), False), (0.9, 0.09, 1e-3, (True,), False)],
 )  # fmt: skip
 def test_a_faint_or_insignificant_change_without_size_is_dropped(

@@ -42,3 +42,10 @@ def test_an_account_to_which_nothing_is_to_be_added_stays_as_it_is(late: tuple[P
     problem, units = late
     account: Values = {DELAY: 0.08}
     assert with_common_effects(problem, account, units, SETTINGS) is account
+
+
+def test_changes_stay_beside_what_is_added(late: tuple[Problem, Units]) -> None:
+    problem, units = late
+    radius = Knob("wheel_radius", None, "scale", True)
+    found = with_common_effects(problem, {TRACK: 1.02, radius: 0.99}, units, SETTINGS)
+    assert set(found) == {DELAY, radius} and found[radius] == pytest.approx(1.0, abs=0.01)
