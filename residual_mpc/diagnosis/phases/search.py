@@ -8,7 +8,7 @@ import numpy as np
 from residual_mpc.checkpoint import at_once
 from residual_mpc.diagnosis.data.dataset import Dataset, joined
 from residual_mpc.diagnosis.data.gap import Scales
-from residual_mpc.diagnosis.data.subsampling import thin_whole
+from residual_mpc.diagnosis.data.subsampling import evenly, thin_whole
 from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
 from residual_mpc.diagnosis.fit.marginalisation import carrying
@@ -147,13 +147,39 @@ def _finished(
         found = _extended(found, late, settings=settings.search)
         rivalry = _rivals_that_hold(prepared, found)
     seen = {makeup(rivalry.fit.values)}  # a rival may drop the addition again
-    while (more := _closed_by_one(found, rivalry.fit, gone, settings)) is not None:
+    while (more := _closed_anywhere(prepared, found, rivalry.fit, gone)) is not None:
         if makeup(more.fit.values) in seen:
             break
         report("comparing with alternative explanations")
         seen.add(makeup(more.fit.values))
         found, rivalry = more, _rivals_that_hold(prepared, more)
     return found, rivalry
+
+
+def _closed_anywhere(prepared: Prepared, found: Found, current: Fit, gone: tuple[Term, ...]) -> Found | None:
+    """See `_closed_by_one`, on the windows of the search, and else on longer ones, where small differences between two
+    sides add up. The noise there is that of the first look: what an effect leaves over longer windows, as long as it is
+    missing, looks like noise that wanders."""
+    options, settings = prepared.options, prepared.options.settings
+    more = _closed_by_one(found, current, gone, settings)
+    if more is not None:
+        return more
+    for look in prepared.longer:
+        if look.free is None or look.free[0].count < options.phases.blocks:
+            continue
+        data, scales = look.free
+        some = data.take(evenly(data, options.final_steps, settings=settings.data))
+        times, rng = times_longer(found.problem), np.random.default_rng(0)
+        problem = build_problem(some, prepared.space, some.sigma, times=times, settings=settings.predict)
+        ruler = build_ruler(problem.replays, scales, found.base, rng, settings.data)
+        fit, base = (on_problem(problem, f, settings=settings.fit) for f in (current, found.base))
+        there = replace(found, problem=problem, fit=fit, base=base, ruler=ruler)
+        longer = _closed_by_one(there, fit, gone, settings)
+        if longer is not None:
+            came = {k: v for k, v in longer.fit.values.items() if k not in current.values}
+            (fit,) = fit_all(found.problem, [{**current.values, **came}], settings=settings.fit)
+            return _extended(found, fit, settings=settings.search)
+    return None
 
 
 def searched(done: float) -> float:
