@@ -15,7 +15,8 @@ from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import fit_all
-from residual_mpc.diagnosis.phases.search import _closed_by_one
+from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.phases.closing import closed_anywhere, closed_by_one
 from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.results.settings import ResultSettings
@@ -44,7 +45,7 @@ def answer(faults: dict[str, dict[str, float]]) -> tuple[Found, Any]:
 
 def test_what_closes_the_rest_is_added() -> None:
     found, rivalry = answer({"track_width": {"scale": 1.2}, "actuator_lag": {"time_constant": 0.2}})
-    more = _closed_by_one(found, rivalry.fit, (), SETTINGS)
+    more = closed_by_one(found, rivalry.fit, (), SETTINGS)
     assert more is not None and {t.effect for t in more.fit.terms} == {"track_width", "actuator_lag"}
     assert more.fit.values[Knob("actuator_lag", None, "time_constant")] == pytest.approx(0.2, abs=0.02)
     assert more.steps[-1].after < more.steps[-1].before
@@ -52,7 +53,7 @@ def test_what_closes_the_rest_is_added() -> None:
 
 def test_what_was_refuted_is_not_added_again() -> None:
     found, rivalry = answer({"track_width": {"scale": 1.2}, "actuator_lag": {"time_constant": 0.2}})
-    more = _closed_by_one(found, rivalry.fit, (Term("actuator_lag", None),), SETTINGS)
+    more = closed_by_one(found, rivalry.fit, (Term("actuator_lag", None),), SETTINGS)
     assert more is None or "actuator_lag" not in {t.effect for t in more.fit.terms if t.target is None}
 
 
@@ -79,7 +80,7 @@ def test_what_closes_most_of_a_little_is_added() -> None:
     """Less than twice the noise floor, which small differences of everything might make up."""
     found, rivalry = answer({"track_width": {"scale": 1.1}, "actuator_lag": {"time_constant": 0.015}})
     assert not found.ruler.much_left(found.fit)
-    more = _closed_by_one(found, rivalry.fit, (), SETTINGS)
+    more = closed_by_one(found, rivalry.fit, (), SETTINGS)
     assert more is not None and len(more.fit.terms) == 2
     (size,) = (v for k, v in more.fit.values.items() if k != TRACK)
     assert size == pytest.approx(0.015, abs=0.002)  # of a lag; which one is for the rivals to say
@@ -90,17 +91,42 @@ def test_what_the_time_step_makes_is_not_looked_at(monkeypatch: pytest.MonkeyPat
     found, rivalry = answer({"track_width": {"scale": 1.1}, "actuator_lag": {"time_constant": 0.015}})
     left = float(found.ruler.squared([found.fit])[0]) - found.ruler.floor
     monkeypatch.setattr(Ruler, "step_error", lambda *_: 1.01 * left)
-    assert _closed_by_one(found, rivalry.fit, (), SETTINGS) is None
+    assert closed_by_one(found, rivalry.fit, (), SETTINGS) is None
 
 
 def test_what_it_makes_redundant_is_dropped() -> None:
     """The track was named for a lag."""
     found, rivalry = answer({"actuator_lag": {"time_constant": 0.2}})
-    more = _closed_by_one(found, rivalry.fit, (), SETTINGS)
+    more = closed_by_one(found, rivalry.fit, (), SETTINGS)
     assert more is not None and {t.effect for t in more.fit.terms} == {"actuator_lag"}
 
 
 def test_nothing_is_added_where_nothing_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("residual_mpc.diagnosis.phases.search.convincing", lambda *args: True)
+    monkeypatch.setattr("residual_mpc.diagnosis.phases.closing.convincing", lambda *args: True)
     found, rivalry = answer({"track_width": {"scale": 1.2}})
-    assert _closed_by_one(found, rivalry.fit, (), SETTINGS) is None
+    assert closed_by_one(found, rivalry.fit, (), SETTINGS) is None
+
+
+def test_what_adds_up_over_longer_windows_is_found_there() -> None:
+    """Unequal wheels turn a rover by less than what the noise of its pose hides in one second."""
+    runs = [
+        rover_run(f"r{k}", {"track_width": {"scale": 1.2}, "wheel_radius_mismatch": {"ratio": 1.06}}, 60.0, seed=k,
+                  noise=3.0)
+        for k in range(2)
+    ]  # fmt: skip
+    sigma = {channel: 3.0 * s for channel, s in SIGMA.items()}
+    short, long = (build_dataset(runs, [ROVER] * 2, sigma, horizon) for horizon in (1.0, 5.0))
+    scales = measure_scales(short)
+    problem = build_problem(short, build_space(short, ()), short.sigma, scales.motion)
+    base, fit = fit_all(problem, [{}, {TRACK: 1.2}], settings=SETTINGS.fit)
+    ruler = build_ruler(problem.replays, scales, base, np.random.default_rng(0), SETTINGS.data)
+    found = Found(problem, fit, base, 1.0, ruler, (), (), short.sigma)
+    assert closed_by_one(found, fit, (), SETTINGS) is None
+    prepared: Any = SimpleNamespace(
+        options=Options(settings=SETTINGS), space=problem.space,
+        longer=[SimpleNamespace(free=None), SimpleNamespace(free=(long, measure_scales(long)))],
+    )  # fmt: skip
+    more = closed_anywhere(prepared, found, fit, ())
+    assert more is not None and TRACK.term in more.fit.terms and more.problem.data is short
+    (came,) = (t for t in more.fit.terms if t != TRACK.term)
+    assert came.effect in ("wheel_radius_mismatch", "actuator_gain")  # twins without encoders

@@ -8,33 +8,27 @@ import numpy as np
 from residual_mpc.checkpoint import at_once
 from residual_mpc.diagnosis.data.dataset import Dataset, joined
 from residual_mpc.diagnosis.data.gap import Scales
-from residual_mpc.diagnosis.data.subsampling import evenly, thin_whole
-from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
-from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
-from residual_mpc.diagnosis.fit.marginalisation import carrying
-from residual_mpc.diagnosis.fit.start_values import possible
+from residual_mpc.diagnosis.data.subsampling import thin_whole
+from residual_mpc.diagnosis.fit.least_squares import fit_all, on_problem
 from residual_mpc.diagnosis.laws.ripples import RippleFinder
 from residual_mpc.diagnosis.options import Progress
+from residual_mpc.diagnosis.phases.closing import closed_anywhere, closed_by_one, extended
 from residual_mpc.diagnosis.phases.early_answers import Told, improving, unheard
 from residual_mpc.diagnosis.phases.horizons import everywhere, other_horizons, seen_over, worth_searching
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.noise_floor import well_begun
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
-from residual_mpc.diagnosis.predict.problem import build_problem, reweigh, times_longer, tolerating
+from residual_mpc.diagnosis.predict.problem import build_problem, reweigh, times_longer
 from residual_mpc.diagnosis.predict.step_error import made_by_step
-from residual_mpc.diagnosis.remainder.resemblance import closest
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
-from residual_mpc.diagnosis.results.settings import ResultSettings
-from residual_mpc.diagnosis.search.acceptance import build_ruler, convincing, judge
+from residual_mpc.diagnosis.search.acceptance import build_ruler
 from residual_mpc.diagnosis.search.by_target import counted
 from residual_mpc.diagnosis.search.late_partners import with_partner
-from residual_mpc.diagnosis.search.off_bounds import off_bounds
 from residual_mpc.diagnosis.search.optional_numbers import makeup
 from residual_mpc.diagnosis.search.other_starts import begun_with, better_everywhere, other_start
 from residual_mpc.diagnosis.search.rivals import Rivalry, find_rivals, holds_elsewhere
-from residual_mpc.diagnosis.search.settings import SearchSettings
-from residual_mpc.diagnosis.search.stepwise import Accepted, Found, Step, prune, refit, stepwise_search
+from residual_mpc.diagnosis.search.stepwise import Accepted, Found, stepwise_search
 from residual_mpc.diagnosis.search.testable import NotTestable, not_testable
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
@@ -107,14 +101,14 @@ def search_further(
     more = None
     if last.left_out:
         less = on_problem(found.problem, last.final, settings=settings.fit)
-        found = _extended(found, less, settings=settings.search)
-        more = _closed_by_one(found, found.fit, last.left_out, settings)
+        found = extended(found, less, settings=settings.search)
+        more = closed_by_one(found, found.fit, last.left_out, settings)
     if more is None:
         values = _closed_everywhere(searched, last, rng)
         if values is None:
             return None
         (fit,) = fit_all(found.problem, [values], settings=settings.fit)
-        more = _extended(found, fit, settings=settings.search)
+        more = extended(found, fit, settings=settings.search)
     progress("searching again with all windows", 0.61)
     found, rivalry = _finished(prepared, more, last.left_out, lambda text: progress(f"{text} again", 0.62))
     return replace(searched, found=found, rivalry=rivalry)
@@ -132,7 +126,7 @@ def _closed_everywhere(searched: Searched, last: FittedExplanation, rng: np.rand
         return None
     final, base = (on_problem(problem, f, settings=settings.fit) for f in (last.final, last.base))
     there = replace(searched.found, problem=problem, fit=final, base=base, ruler=ruler)
-    more = _closed_by_one(there, final, last.left_out, settings)
+    more = closed_by_one(there, final, last.left_out, settings)
     return None if more is None else more.fit.values
 
 
@@ -144,42 +138,16 @@ def _finished(
     settings, rivalry = prepared.options.settings, _rivals_that_hold(prepared, found)
     late = with_partner(found.problem, found.ruler, rivalry.fit, settings.search)
     if late is not None and counted(late.terms) <= settings.search.largest and all(t not in gone for t in late.terms):
-        found = _extended(found, late, settings=settings.search)
+        found = extended(found, late, settings=settings.search)
         rivalry = _rivals_that_hold(prepared, found)
     seen = {makeup(rivalry.fit.values)}  # a rival may drop the addition again
-    while (more := _closed_anywhere(prepared, found, rivalry.fit, gone)) is not None:
+    while (more := closed_anywhere(prepared, found, rivalry.fit, gone)) is not None:
         if makeup(more.fit.values) in seen:
             break
         report("comparing with alternative explanations")
         seen.add(makeup(more.fit.values))
         found, rivalry = more, _rivals_that_hold(prepared, more)
     return found, rivalry
-
-
-def _closed_anywhere(prepared: Prepared, found: Found, current: Fit, gone: tuple[Term, ...]) -> Found | None:
-    """See `_closed_by_one`, on the windows of the search, and else on longer ones, where small differences between two
-    sides add up. The noise there is that of the first look: what an effect leaves over longer windows, as long as it is
-    missing, looks like noise that wanders."""
-    options, settings = prepared.options, prepared.options.settings
-    more = _closed_by_one(found, current, gone, settings)
-    if more is not None:
-        return more
-    for look in prepared.longer:
-        if look.free is None or look.free[0].count < options.phases.blocks:
-            continue
-        data, scales = look.free
-        some = data.take(evenly(data, options.final_steps, settings=settings.data))
-        times, rng = times_longer(found.problem), np.random.default_rng(0)
-        problem = build_problem(some, prepared.space, some.sigma, times=times, settings=settings.predict)
-        ruler = build_ruler(problem.replays, scales, found.base, rng, settings.data)
-        fit, base = (on_problem(problem, f, settings=settings.fit) for f in (current, found.base))
-        there = replace(found, problem=problem, fit=fit, base=base, ruler=ruler)
-        longer = _closed_by_one(there, fit, gone, settings)
-        if longer is not None:
-            came = {k: v for k, v in longer.fit.values.items() if k not in current.values}
-            (fit,) = fit_all(found.problem, [{**current.values, **came}], settings=settings.fit)
-            return _extended(found, fit, settings=settings.search)
-    return None
 
 
 def searched(done: float) -> float:
@@ -217,51 +185,6 @@ def _rivals_that_hold(prepared: Prepared, found: Found) -> Rivalry:
         return rivalry
     exchanged = replace(found, fit=on_problem(found.problem, better, settings=settings.fit))
     return find_rivals(exchanged, most=0, prefer_first=False, over=over, settings=settings.search)
-
-
-def _closed_by_one(found: Found, current: Fit, gone: tuple[Term, ...], settings: ResultSettings) -> Found | None:
-    """The current set with the effect, none of those `gone`, that closes a good part of the remaining gap, less
-    what it makes redundant; None if there is none, or nothing is left beyond the noise and the error of the model's
-    own time step. Where little is left, small differences of everything may make it up, and an effect has to close
-    most of it by itself. They may also hide an effect from the first look: without them it has to make the gap far
-    smaller."""
-    search, ruler = settings.search.without_tolerances(), found.ruler
-    much = ruler.much_left(current)
-    gap = float(ruler.squared([current])[0])
-    left = much or gap > settings.predict.floor.margin**2 * ruler.floor
-    if not current.terms or counted(current.terms) >= search.largest or not left:
-        return None
-    if not much and gap - ruler.floor <= ruler.step_error(current):
-        return None  # the model's own time step may make that, and this addition needs little evidence
-    plain = tolerating(found.problem, None)  # small differences elsewhere may absorb what the effect explains
-    near, enough = None, search.sizeable if much else search.most
-    far = max(enough, (1.0 - search.rivals.far_smaller) * gap / max(gap - ruler.floor, 1e-12))
-    for problem, least in ((found.problem, enough), (plain, far)):
-        near = closest(problem, current, gone, ruler, settings.remainder)
-        if near is not None and near[1] >= least:
-            break
-    else:
-        return None
-    fit, before = fit_all(plain, [near[0].values, current.values], settings=settings.fit)
-    blocks = blocks_of(plain.data, settings=settings.fit)
-    if not possible(fit.values) or convincing(plain, ruler, before, fit, found.base, blocks, search) is None:
-        return None
-    fit = off_bounds(plain, fit, search)  # what the new effect makes redundant may have kept its shape from its place
-    fit = prune(plain, ruler, fit, found.base, plain.data.sigma, blocks, search)
-    return _extended(found, fit, settings=settings.search)
-
-
-def _extended(found: Found, fit: Fit, settings: SearchSettings) -> Found:
-    """With another set in place of the one that was found, on the weights that it leaves."""
-    problem, scales, noise = found.problem, found.ruler.scales, found.problem.data.sigma
-    blocks = blocks_of(problem.data, settings=settings.fit)
-    here = judge(carrying(problem, fit.values, settings=settings.fit), fit, noise, scales, settings=settings)
-    current, base = refit(here, [fit, found.base], settings=settings)
-    sigma = 1.0 / judge(problem, current, noise, scales, settings=settings).weight
-    steps = (*found.steps, Step(fit.terms, found.fit.cost, current.cost))
-    return replace(
-        found, problem=here, fit=current, base=base, phi=dispersion(current, blocks), sigma=sigma, steps=steps
-    )
 
 
 def _budget(robot: Robot, steps: int) -> int:
