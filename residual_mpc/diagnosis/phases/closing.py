@@ -9,6 +9,7 @@ from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
 from residual_mpc.diagnosis.fit.marginalisation import carrying
 from residual_mpc.diagnosis.fit.start_values import possible
+from residual_mpc.diagnosis.phases.horizons import is_bearable
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.predict.problem import build_problem, times_longer, tolerating
 from residual_mpc.diagnosis.remainder.resemblance import closest
@@ -25,15 +26,14 @@ def closed_anywhere(prepared: Prepared, found: Found, current: Fit, gone: tuple[
     """See `closed_by_one`: on the windows of the search, and else on longer ones, where small differences between two
     sides add up. The noise there is that of the first look, since what a missing effect leaves over longer windows
     looks like noise that wanders. The set keeps what the longer windows make redundant: the search's tell the more."""
-    options, settings = prepared.options, prepared.options.settings
+    phases, settings = prepared.options.phases, prepared.options.settings
     more = closed_by_one(found, current, gone, settings)
     if more is not None:
         return more
-    for look in prepared.longer:
-        if look.free is None or look.free[0].count < options.phases.blocks:
+    for data, scales in (look.free for look in prepared.longer if look.free is not None):
+        if data.count < phases.blocks or not is_bearable(data, phases):
             continue
-        data, scales = look.free
-        some = data.take(evenly(data, options.final_steps, settings=settings.data))
+        some = data.take(evenly(data, phases.cheap, settings=settings.data))
         times, rng = times_longer(found.problem), np.random.default_rng(0)
         problem = build_problem(some, prepared.space, some.sigma, times=times, settings=settings.predict)
         ruler = build_ruler(problem.replays, scales, found.base, rng, settings.data)

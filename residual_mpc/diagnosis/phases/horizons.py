@@ -7,7 +7,7 @@ from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.noise_fit import with_noise
-from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.options import Options, PhaseSettings
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond, floor_of
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
@@ -35,12 +35,16 @@ def worth_searching(data: Dataset, gap: Gap, floor: NoiseFloor, options: Options
     equations = all(b.robot.step is None for b in data.blocks)
     if many and equations and data.cost <= phases.cheap:
         return True
-    bearable = min(phases.blocks, data.count) * data.cost // data.count <= phases.bearable
     margin = settings.predict.floor.margin
     with np.errstate(invalid="ignore"):
         seen = gap.total > margin * floor.total or bool((gap.channels > margin * floor.channels).any())
     perhaps = data.count >= phases.few and seen
-    return bearable and (perhaps or beyond(gap, floor, settings=settings.predict))
+    return is_bearable(data, phases) and (perhaps or beyond(gap, floor, settings=settings.predict))
+
+
+def is_bearable(data: Dataset, phases: PhaseSettings) -> bool:
+    """Whether hypotheses are cheap enough on as many windows as tests need, or on all if these are fewer."""
+    return min(phases.blocks, data.count) * data.cost // data.count <= phases.bearable
 
 
 def seen_over(
