@@ -143,7 +143,8 @@ def _limits(space: Space, robots: Sequence[Robot]) -> Limits:
     """The limits of every number that hold for all of these robots; none where there are no robots."""
     distinct = list({id(r): r for r in robots}.values())
     out: dict[Knob, tuple[float, float]] = {}
-    for term in {t for c in space.candidates for t in (c, c._replace(target=None))} if distinct else ():
+    terms = dict.fromkeys(t for c in space.candidates for t in (c, c._replace(target=None)))
+    for term in terms if distinct else ():
         for knob in space.knobs(term):
             each = [replace(space, robot=r).bounds(knob) for r in distinct]
             out[knob] = max(low for low, _ in each), min(high for _, high in each)

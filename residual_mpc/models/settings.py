@@ -98,7 +98,7 @@ def assemble(hypotheses: Sequence[Values], slots: Mapping[str, tuple[str, ...]])
     n = len(hypotheses)
     effects: dict[str, dict[str, np.ndarray]] = {}
     tuned: dict[str, np.ndarray] = {}
-    for knob in {k for h in hypotheses for k in h}:
+    for knob in dict.fromkeys(k for h in hypotheses for k in h):  # a set's order would change from process to process
         if knob.effect == TUNE:
             tuned.setdefault(knob.parameter, np.full(n, np.nan))
         elif knob.effect not in effects:

@@ -74,3 +74,11 @@ def test_names() -> None:
     assert str(Term("payload", None)) == "payload" and str(Term("armature", "j1")) == "armature [j1]"
     assert Knob("armature", "j1", "inertia").term == Term("armature", "j1")
     assert Settings(3).effects == {} and Settings(3).tuned == {}
+
+
+def test_the_order_of_effects_is_that_of_the_hypotheses() -> None:
+    """The order of a set would change from process to process, and with it the last bits of a sum."""
+    names = ("track_width", "actuator_lag", "wheel_radius", "command_delay", "lateral_slip", "dead_zone", "saturation")
+    numbers = {name: next(p for p in BY_NAME[name].parameters) for name in names}
+    hypothesis = {Knob(name, None, p.name): p.null + 0.1 if np.isfinite(p.null) else 5.0 for name, p in numbers.items()}
+    assert tuple(assemble([hypothesis], dict.fromkeys(names, ())).effects) == names
