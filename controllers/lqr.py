@@ -66,9 +66,17 @@ class Lqr:
         return LqrState(0, np.clip(self.model.hold(self.x[0]), *self.limits.box(self.model.nu)))
 
     def step(self, state: LqrState, x: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, LqrState, MpcInfo]:
-        """Command (nu,) from the estimate x (nx,). Of `reference` nothing is read: the trajectory was planned ahead."""
+        """Command (nu,) from the estimate x (nx,). Of `reference` nothing is read: the trajectory was planned ahead.
+
+        Raises BadInput for an estimate of another shape.
+        """
         import time
 
+        if np.shape(x) != (self.model.nx,):
+            states = ", ".join(self.model.stepped.states)
+            raise BadInput(
+                f"x must have shape ({self.model.nx},), got {np.shape(x)}", "", f"give {states} in this order"
+            )
         begin = time.perf_counter()
         k = min(state.sample, len(self.u) - 1)
         before = self.u[k - 1] if k else self.model.hold(self.x[0])
@@ -85,6 +93,10 @@ class Lqr:
         outcome = "solved" if good else "shifted"
         info = MpcInfo(outcome, time.perf_counter() - begin, float("nan"), 0)  # type: ignore[arg-type]
         return command, LqrState(state.sample + 1, command), info
+
+    def __repr__(self) -> str:
+        seconds = len(self.u) * self.model.build.dt
+        return f"<Lqr of {self.model.robot.name}: along a path of {seconds:.4g} s>"
 
     def with_parameters(self, p: np.ndarray) -> "Lqr":
         """Raises BadInput: gains along a trajectory are worked out beforehand."""

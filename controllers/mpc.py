@@ -92,15 +92,21 @@ class Mpc:
         return replace(self, p=np.asarray(p, dtype=np.float64))
 
     def step(self, state: PlanState, x: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, PlanState, MpcInfo]:
-        """Command (nu,) from the estimated state x (nx,) and the outputs wanted at the next N samples (N, ny)."""
+        """Command (nu,) from the estimated state x (nx,) and the outputs wanted at the next N samples (N, ny).
+
+        Raises BadInput for arrays of other shapes.
+        """
         begin = time.perf_counter()
+        if np.shape(x) != (self.model.nx,) or np.shape(reference) != (self.horizon, len(self.model.stepped.tracked)):
+            raise self._misshapen(np.shape(x), np.shape(reference))
         state = self._begun(state, x)
         plan = self._within(np.concatenate([state.plan[1:], state.plan[-1:]]), state.sent)
         outcome: Outcome = "shifted"
         cost = float("nan")
         if np.isfinite(x).all() and np.isfinite(reference).all():
             for _ in range(self.settings.iterations if state.samples else self.settings.first):
-                qp, soft = self._program(x, plan, state.sent, reference)
+                with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is found below
+                    qp, soft = self._program(x, plan, state.sent, reference)
                 if not (np.isfinite(qp.H).all() and np.isfinite(qp.g).all()):
                     break
                 z, status = state.engine.solve(qp)
@@ -118,6 +124,24 @@ class Mpc:
         command = plan[0].copy()
         info = MpcInfo(outcome, time.perf_counter() - begin, cost, failures)
         return command, PlanState(plan, command, state.samples + 1, failures, state.engine), info
+
+    def _misshapen(self, x: tuple[int, ...], reference: tuple[int, ...]) -> BadInput:
+        """The error for a state or a reference of these shapes."""
+        at = self.model.stepped
+        if x != (self.model.nx,):
+            return BadInput(
+                f"x must have shape ({self.model.nx},), got {x}", "", f"give {', '.join(at.states)} in this order"
+            )
+        n, wanted = self.horizon, (self.horizon, len(at.tracked))
+        what = f"the reference must have shape {wanted}, a row for each of the next {n} samples, got {reference}"
+        return BadInput(what, "", f"give {', '.join(at.tracked)} in each row")
+
+    def __repr__(self) -> str:
+        at = self.model.stepped
+        return (
+            f"<Mpc of {self.model.robot.name}: {self.horizon} steps of {at.dt:g} s, tracks {', '.join(at.tracked)}, "
+            f"commands {', '.join(at.commands)}>"
+        )
 
     def _begun(self, state: PlanState, x: np.ndarray) -> PlanState:
         """Before the first sample a robot is held where it is."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from residual_mpc.api.display import page
+from residual_mpc.api.display import brief, page
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.run_models import RunModels
 from residual_mpc.api.runs import Paths, Runs, listed
@@ -80,6 +80,9 @@ class Check:
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
+
+    def __repr__(self) -> str:
+        return brief(self, str(self))
 
     def _repr_html_(self) -> str:
         return page(self.lines())

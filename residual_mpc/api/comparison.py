@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from residual_mpc.api.display import page
+from residual_mpc.api.display import brief, page
 from residual_mpc.api.effect_names import effect_names, possible_effects
 from residual_mpc.api.given import check_given, check_seconds
 from residual_mpc.api.robot import NominalRobot
@@ -84,6 +84,9 @@ class Comparison:
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
+
+    def __repr__(self) -> str:
+        return brief(self, str(self))
 
     def _repr_html_(self) -> str:
         return page(self.lines(), self.to_frame())

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from residual_mpc.api.diagnosis_files import COMMANDS, excite_command, write_whole
-from residual_mpc.api.display import page
+from residual_mpc.api.display import brief, page
 from residual_mpc.api.given import check_given
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs
@@ -116,6 +116,9 @@ class Confirmation:
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
+
+    def __repr__(self) -> str:
+        return brief(self, str(self))
 
     def _repr_html_(self) -> str:
         frame = self.to_frame()

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from residual_mpc.api.diagnosis_files import excite_command, write_answer, write_whole
-from residual_mpc.api.display import page
+from residual_mpc.api.display import brief, page
 from residual_mpc.api.early_answers import SO_FAR, EarlyAnswers
 from residual_mpc.api.effect_names import effect_names, possible_effects
 from residual_mpc.api.given import check_given, check_seconds
@@ -142,6 +142,9 @@ class Diagnosis:
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
+
+    def __repr__(self) -> str:
+        return brief(self, str(self))
 
     def _repr_html_(self) -> str:
         frame = self.to_frame()

@@ -8,6 +8,11 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
+def brief(result: object, words: str) -> str:
+    """One line for a Python prompt: what it is, and the first line of its words."""
+    return f"<{type(result).__name__}: {words.splitlines()[0] if words else 'empty'}>"
+
+
 def page(lines: Sequence[str], table: "DataFrame | None" = None) -> str:
     """HTML of a result: its lines, then its table."""
     rows = "" if table is None or table.empty else table.to_html(index=False, border=0, float_format="{:.4g}".format)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from residual_mpc.api.display import page
+from residual_mpc.api.display import brief, page
 from residual_mpc.api.gap_figures import gap_figures
 from residual_mpc.api.given import check_given, check_seconds
 from residual_mpc.api.robot import NominalRobot
@@ -65,6 +65,9 @@ class Gap:
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
+
+    def __repr__(self) -> str:
+        return brief(self, str(self))
 
     def _repr_html_(self) -> str:
         return page(self.lines())

@@ -10,6 +10,8 @@ from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs, usable
 from residual_mpc.errors import BadInput
 
+LONGEST_STEP = 0.5  # s, of a model for a controller, as on the command line
+
 
 def check_robot(robot: Any) -> None:
     """Raises BadInput for anything but a robot, such as the path of its file."""
@@ -32,6 +34,17 @@ def check_seconds(seconds: Any, where: str) -> None:
         raise BadInput(
             f"must be a positive number of seconds, got {seconds!r}", where, "leave it out for the usual one"
         )
+
+
+def check_time_step(dt: Any) -> None:
+    """Raises BadInput unless the time step of a model is a positive number of seconds, as long as controllers use."""
+    if not (isinstance(dt, int | float | np.number) and 0.0 < dt < np.inf):
+        raise BadInput(f"the time step must be a positive number of seconds, got {dt!r}", "dt", "give it in seconds")
+    if dt > LONGEST_STEP:
+        raise BadInput(
+            f"the time step must be at most {LONGEST_STEP:g} s, got {dt:g} s", "dt",
+            "give the time between two commands of your controller, in seconds",
+        )  # fmt: skip
 
 
 def check_not_over(source: str | Path, folder: Path | None) -> None:

@@ -8,22 +8,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from residual_mpc.api.display import page
+from residual_mpc.api.display import brief, page
 from residual_mpc.api.gap_figures import kept_back_of
 from residual_mpc.api.given import check_given, check_not_over, check_seconds
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs
 from residual_mpc.api.written import Source, placed, written
-from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD
 from residual_mpc.errors import BadInput
 from residual_mpc.files import write_atomically, write_json
 from residual_mpc.learning.batch import checkpoint
 from residual_mpc.learning.batch.training import Report, Task, TrainingResult, train
 from residual_mpc.learning.batch.turned_over import turned_over
 from residual_mpc.learning.batch.window_updates import LearnSettings
+from residual_mpc.learning.cases import CASES, FIRST_CASE
 from residual_mpc.learning.forms.registry import check_form
 from residual_mpc.learning.network.residual import KEY, to_json
-from residual_mpc.learning.network.written import residual_in
+from residual_mpc.learning.network.written import kept_nothing, residual_in
 from residual_mpc.models import optional
 from residual_mpc.models.fits import fitting
 from residual_mpc.models.model_file import MODEL_SCHEMA, Written, model_content
@@ -31,12 +31,12 @@ from residual_mpc.models.nominal_numbers import KEY as NOMINAL
 from residual_mpc.models.nominal_numbers import warn_of_differences
 from residual_mpc.models.settings import Values
 from residual_mpc.report.learned import learned_page
+from residual_mpc.report.words.learned import learned_lines
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 CURVE = 200  # points of the learning's course that are kept
-CASES = ("sim-to-dyn", "real-to-dyn", "real-to-sim")
 NOTE = (
     "A memoryless network cannot learn effects that depend on more than the current motion and command: dead time, "
     "backlash, slow drift and sensor effects."
@@ -83,10 +83,13 @@ class LearnedModel:
 
     def lines(self) -> list[str]:
         """What was learned, in words."""
-        return _lines(self.document)
+        return learned_lines(self.document)
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
+
+    def __repr__(self) -> str:
+        return brief(self, str(self))
 
     def _repr_html_(self) -> str:
         return page(self.lines())
@@ -114,7 +117,7 @@ def learn(
     Args:
         on: a diagnosis, or its file, whose effects the network comes on top of.
         case: which model learns from which, see `CASES`.
-        warm_start: what the case before learned, or its file.
+        warm_start: what the case before learned, or its file; none for the first case.
         form: "body", "paper" or "joint": which velocities are corrected, from what; None for the robot's usual one.
         hidden: nodes of the hidden layers.
         method: "ukf", "ekf" or "auto".
@@ -126,7 +129,7 @@ def learn(
 
     Raises:
         BadInput: runs with too little to learn from, a diagnosis or residual of another robot, a model to learn on that
-            has a network already, or a form that the robot cannot have.
+            has a network already, a residual to begin the first case with, or a form that the robot cannot have.
     """
     check_given(robot, runs)
     folder = None if out is None else Path(out)
@@ -157,7 +160,7 @@ def learn(
     learned = LearnedModel(robot, document, {**_model(made, task, robot.name), **stated})
     if folder is not None:
         learned.save(folder)
-        checkpoint.clear(folder / "checkpoint.npz")
+        checkpoint.clear(folder / checkpoint.FILE)
     return learned
 
 
@@ -166,6 +169,11 @@ def _task(
 ) -> Task:
     if case not in CASES:
         raise BadInput(f"unknown case {case!r}", "`case`", f"give one of {', '.join(CASES)}")
+    if case == FIRST_CASE and warm_start is not None:
+        raise BadInput(
+            f"the case {case!r} starts from nothing and takes no `warm_start`", "`case`",
+            "leave `warm_start` out, or give the case that comes after that residual's: real-to-dyn or real-to-sim",
+        )  # fmt: skip
     if form is not None:
         check_form(form, runs.models[0])
     values: Values = {}
@@ -184,7 +192,7 @@ def _task(
     if warm_start is not None:
         before = written(warm_start)
         earlier, earlier_file = residual_in(before, last=case == "real-to-sim"), before.where
-        if earlier is None:
+        if earlier is None and not kept_nothing(before):
             raise BadInput("it contains no learned residual", before.where, "give a model.json written by learn")
     return Task(runs.runs, runs.models, runs.noise, case, values, leaves_out, held, earlier, earlier_file, form)
 
@@ -195,9 +203,11 @@ def _document(
     """The `learn` object of the contract and more. history: (s of data, H2 norm) of every update of this call.
     diagnosed: whether it was learned on a diagnosis."""
     ms = made.update_ms
+    floor = made.noise_floor
+    figures = zip(made.channels, made.before.channels, made.after.channels, floor.channels, strict=True)
     channels = {
-        c: {"before": float(b), "after": float(a)}
-        for c, b, a in zip(made.channels, made.before.channels, made.after.channels, strict=True)
+        c: {"before": float(b), "after": float(a), "noise_floor": float(f) if np.isfinite(f) else None}
+        for c, b, a, f in figures
         if np.isfinite(b)
     }
     condition = made.condition
@@ -216,7 +226,8 @@ def _document(
         "gap": {
             "before": made.before.total,
             "after": made.after.total,
-            "noise_floor": made.noise_floor,
+            "noise_floor": floor.total,
+            "at_noise_floor": {"before": made.at_noise_floor(made.before), "after": made.at_noise_floor(made.after)},
             "on": "held_out" if made.kept else "training",
             "channels": channels,
             "without_spikes": None
@@ -228,6 +239,7 @@ def _document(
         "step": made.learned.step,
         "inputs": list(made.learned.inputs),
         "outputs": list(made.learned.outputs),
+        "kept": made.learned.acts,
         "chosen_pass": made.chosen_pass,
         "left_alone": list(made.left_alone),
         "worse_on_held_out": list(made.worse_held_out),
@@ -239,6 +251,7 @@ def _document(
             "holds": condition.holds,
             "kept": made.kept_earlier,
         },
+        "nothing_earlier": task.earlier is None and bool(task.earlier_file),
         "turned_over": turned_over(task.runs, made.learned.inputs, optional.sliding(task.robots[0])),
         "seconds": made.seconds,
         "history": [[float(f"{x:.4g}") for x in history[k]] for k in _few(len(history))],
@@ -258,42 +271,7 @@ def _model(made: TrainingResult, task: Task, name: str) -> dict[str, Any]:
         "values": [{**k._asdict(), "value": v} for k, v in task.values.items()],
         "leaves_out_outliers": task.leaves_out_outliers,
         "held_out": [k.document() for k in made.kept],
-        KEY: to_json(made.whole),
-        f"last_{KEY}": to_json(made.learned),
+        KEY: to_json(made.whole) if made.whole.acts else None,
+        f"last_{KEY}": to_json(made.learned) if made.learned.acts else None,
         "case": task.case,
     }
-
-
-def _lines(d: dict[str, Any]) -> list[str]:
-    where = "on held-out runs" if d["gap"]["on"] == "held_out" else "on the training runs"
-    floor = d["gap"]["noise_floor"]
-    out = [f"gap {d['gap']['before']:.3g} -> {d['gap']['after']:.3g} {where} (noise floor {floor:.2g})"]
-    out += [f"  {c:<24} {g['before']:.3g} -> {g['after']:.3g}" for c, g in d["gap"]["channels"].items()]
-    h2 = {k: "-" if v is None else f"{v:.3g}" for k, v in d["h2_norm"].items()}
-    out.append(f"  H2 norm {h2['first']} -> {h2['last']}; held out {h2['held_out_before']} -> {h2['held_out_after']}")
-    done = d["converged_after"]
-    if d["gap"]["after"] == d["gap"]["before"]:
-        if d["gap"]["before"] <= AS_GOOD * floor:
-            why = ", since the gap is as small as the noise allows"
-        else:
-            why = ": no pass over the data predicts the windows set aside better; try more passes"
-        out.append(f"  nothing was kept of what was learned{why if d['chosen_pass'] == 0 else ''}")
-    else:
-        out.append("  the H2 norm did not decrease" if done is None else f"  converged after {done:.0f} s of data")
-    for odd in d["turned_over"]:
-        out.append(
-            f"  run {odd['run']}: {odd['channel']} goes over {odd['range']:.3g} rad, in most runs over "
-            f"{odd['usual']:.3g}; the network takes an angle as it is, so learn without such runs"
-        )
-    if d["condition"]:
-        c = d["condition"]
-        said = "is kept" if c["holds"] else "is set to zero"
-        out.append(
-            f"  the earlier residual {said}: |x_ref - x_pred| is {c['with_earlier']:.3g} with it, {c['without']:.3g} "
-            "without"
-        )
-    if d["left_alone"]:
-        out.append(f"  not corrected, since worse on validation windows: {', '.join(d['left_alone'])}")
-    if d["worse_on_held_out"]:
-        out.append(f"  not corrected, since worse on held-out runs: {', '.join(d['worse_on_held_out'])}")
-    return [*out, f"  {d['note']}"]

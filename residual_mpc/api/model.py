@@ -3,15 +3,15 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from numbers import Integral, Real
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from residual_mpc.api.controllers import controller
-from residual_mpc.api.display import page
-from residual_mpc.api.given import check_apart, check_robot
+from residual_mpc.api.display import brief, page
+from residual_mpc.api.given import check_apart, check_robot, check_time_step
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.shapes import check_batches, check_last
 from residual_mpc.api.written import Source, placed, written
@@ -25,7 +25,7 @@ from residual_mpc.export.urdf import write_urdf
 from residual_mpc.export.write import TARGETS, write_mjcf, write_model, write_network
 from residual_mpc.files import write_json
 from residual_mpc.learning.network.residual import KEY
-from residual_mpc.learning.network.written import residual_in
+from residual_mpc.learning.network.written import kept_nothing, residual_in
 from residual_mpc.models import optional
 from residual_mpc.models.model_file import MODEL_SCHEMA, Written, diagnosis_in, model_content, model_in
 from residual_mpc.models.nominal_numbers import KEY as NOMINAL
@@ -222,16 +222,19 @@ class AugmentedModel:
     def as_written(self) -> Written:
         return self.source
 
+    @property
+    def _effects(self) -> str:
+        return ", ".join(dict.fromkeys(k.effect for k in model_in(self.source)[1])) or "none"
+
     def lines(self) -> list[str]:
         """The model in words."""
         try:
             names = self.parameters
         except BadInput as fault:
-            effects = dict.fromkeys(k.effect for k in model_in(self.source)[1])
             return [
                 f"{self.robot.name}, without a step: {fault.what}",
                 f"  u: {', '.join(self.commands)}",
-                f"  effects: {', '.join(effects) or 'none'}",
+                f"  effects: {self._effects}",
             ]
         numbers = [n for n in names if not n.startswith("theta.")]
         weights = len(names) - len(numbers)
@@ -244,6 +247,10 @@ class AugmentedModel:
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
+
+    def __repr__(self) -> str:
+        network = "" if residual_in(self.source) is None else ", with a network"
+        return brief(self, f"{self.robot.name}, time step {self.dt:g} s, effects: {self._effects}{network}")
 
     def _repr_html_(self) -> str:
         return page(self.lines())
@@ -272,8 +279,8 @@ def augment(
         logged: values of logged columns that laws of the model depend on; of others, the mean over the diagnosed runs.
 
     Raises:
-        BadInput: a time step that is not positive, a model of another robot, a column that no law depends on, a network
-            learned on other effects, or a residual that contains no network.
+        BadInput: a time step that is not positive or longer than half a second, a model of another robot, a column that
+            no law depends on, a network learned on other effects, or a residual that contains no network.
     """
     check_robot(robot)
     above = None if residual is None else written(residual)
@@ -282,23 +289,19 @@ def augment(
         _check_robot(source, robot)
     given = above or below
     network = None if given is None else residual_in(given)
-    if above is not None and network is None:
-        raise BadInput(
-            "it contains no network", above.where, "give the model.json of `learn`, or leave the residual out"
-        )
+    if above is not None and network is None and not kept_nothing(above):
+        remedy = "give the model.json of `learn`, or leave the residual out"
+        raise BadInput("it contains no network", above.where, remedy)
     if above is not None and below is not None and model_in(above)[1] != model_in(below)[1]:
-        raise BadInput(
-            "the network was learned on other effects than those of the diagnosis",
-            above.where,
-            "learn it with on=diagnosis",
-        )
+        fault = "the network was learned on other effects than those of the diagnosis"
+        raise BadInput(fault, above.where, "learn it with on=diagnosis")
     usual = optional.period(robot.model) if network is None else network.step
     source = _source(robot, given)
     settings_from(source, robot.model)  # refuses what is of another robot
     explanation = () if below is None else tuple(below.content.get("explanation", ()))
     found = below.content if below is not None and "explanation" in below.content else None
-    if dt is not None and not (isinstance(dt, Real) and 0.0 < dt < np.inf):
-        raise BadInput(f"the time step must be a positive number of seconds, got {dt!r}", "dt", "give it in seconds")
+    if dt is not None:
+        check_time_step(dt)
     build = Build(usual if dt is None else float(dt), smooth, disturbances, logged=dict(logged or {}))
     return AugmentedModel(robot, source, build, explanation, found)
 

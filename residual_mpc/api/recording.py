@@ -19,6 +19,7 @@ from residual_mpc.export.recording.recording import Recording
 from residual_mpc.export.recording.trace import replay, traces
 from residual_mpc.export.recording.write import SUFFIXES, check_package, file_names, write_recording
 from residual_mpc.files import write_json
+from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models.model_file import Written, model_content
 from residual_mpc.models.nominal_numbers import warn_of_differences
 from residual_mpc.models.settings import Settings
@@ -90,9 +91,12 @@ def runs_of(model: Source) -> Sequence[str]:
     """Paths of the runs behind a diagnosis, or behind the diagnosis beside a model. Raises BadInput where they are not
     known or no longer exist."""
     source = written(model)
-    paths, _ = diagnosed_runs(source)
+    paths, described = diagnosed_runs(source)
     if not paths:
-        raise BadInput("it names no runs that still exist", source.where, "name runs with `runs`")
+        what = f"{described} do not all exist any more" if described else "it names no runs"
+        if residual_in(source) is not None and not described:
+            what = "a learned model names no runs, and no diagnosis is beside it"
+        raise BadInput(what, source.where, "name runs with `runs`")
     return paths
 
 

@@ -4,7 +4,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from residual_mpc.api.display import page
+from residual_mpc.api.display import brief, page
 from residual_mpc.models.load import load_robot as build_robot
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import RobotFile, read_robot_file
@@ -33,6 +33,9 @@ class NominalRobot:
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
+
+    def __repr__(self) -> str:
+        return brief(self, str(self))
 
     def _repr_html_(self) -> str:
         return page(self.lines())

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from residual_mpc.api.display import page
+from residual_mpc.api.display import brief, page
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.run_models import RunModels
 from residual_mpc.errors import BadInput
@@ -75,6 +75,9 @@ class Runs:
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
+
+    def __repr__(self) -> str:
+        return brief(self, str(self))
 
     def _repr_html_(self) -> str:
         return page(self.lines())

@@ -22,7 +22,7 @@ RECORDINGS = {"rerun": ".rrd", "mcap": ".mcap"}
     help="Output folder; defaults to a folder beside FILE. For one run in `rerun` or `mcap` also a file name.",
 )  # fmt: skip
 @click.option(
-    "--dt", type=click.FloatRange(1e-4, 1.0),
+    "--dt", type=click.FloatRange(1e-4, 0.5),
     help="Sample time in seconds; defaults to the network's, without a network to 0.05 (MuJoCo arms: 0.02). "
     "For `actuators` the step of your simulation; defaults to the model's.",
 )  # fmt: skip
@@ -85,9 +85,10 @@ def _model(
     if _said(result, as_json) or "largest_difference" not in result:
         return
     apart = result["largest_difference"]
-    click.echo(f"largest difference from the source over {apart['points']} points: {apart['largest']:.2g}")
+    unit = apart["unit"]
+    click.echo(f"largest difference from the source over {apart['points']} points: {apart['largest']:.2g} {unit}")
     if "from_all_effects" in apart and (result.get("approximated") or result["left_out"]):
-        click.echo(f"  from the model with all diagnosed effects: {apart['from_all_effects']:.2g}")
+        click.echo(f"  from the model with all diagnosed effects: {apart['from_all_effects']:.2g} {unit}")
 
 
 def _recordings(
@@ -120,4 +121,6 @@ def _said(result: dict[str, Any], as_json: bool) -> bool:
     for kind in ("approximated", "left_out"):
         for what in result.get(kind, ()):
             click.echo(f"{kind.replace('_', ' ')}: {what}", err=True)
+    for what in result.get("warnings", ()):
+        click.echo(f"warning: {what}", err=True)
     return False

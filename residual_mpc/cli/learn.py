@@ -1,5 +1,7 @@
 """`residual-mpc learn`."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -39,7 +41,7 @@ from residual_mpc.errors import BadInput
 @click.option(
     "--warm-start",
     type=click.Path(path_type=Path),
-    help="Start from the residual in the model.json of the previous case.",
+    help="Start from the residual in the model.json of the previous case; sim-to-dyn starts from nothing.",
 )
 @click.option(
     "--form",
@@ -89,15 +91,29 @@ def learn(
 
     from residual_mpc.api.learning import learn as learn_residual
 
-    learned = learn_residual(
-        nominal, logged, on=on, case=case, warm_start=warm_start, form=form, hidden=layers, method=method,
-        passes=passes, step=step, weights=costs, seed=seed, out=out, report=_reporter(),
-    )  # fmt: skip
+    with _told_how_to_continue(out):
+        learned = learn_residual(
+            nominal, logged, on=on, case=case, warm_start=warm_start, form=form, hidden=layers, method=method,
+            passes=passes, step=step, weights=costs, seed=seed, out=out, report=_reporter(),
+        )  # fmt: skip
     if as_json:
         emit(learned.document)
         return
     for line in (*learned.lines(), f"  model: {out / 'model.json'}", f"  report: {out / 'report.html'}"):
         click.echo(line)
+
+
+@contextmanager
+def _told_how_to_continue(out: Path) -> Iterator[None]:
+    """Where Ctrl-C stops the learning, say that the same command goes on from the checkpoint."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        from residual_mpc.learning.batch.checkpoint import FILE
+
+        if (out / FILE).is_file():
+            click.echo("run the same command again to continue from the last checkpoint", err=True)
+        raise
 
 
 def _layers(text: str) -> tuple[int, ...]:

@@ -21,6 +21,7 @@ from residual_mpc.export.compiled import Buffered, buffered, compiled, compiler
 from residual_mpc.models.sensing import SINCE_START, Curve, sensor_value, swing_of
 
 AGES: tuple[Quantity, ...] = ("reading delay", "reading lag")
+LOST = 1e12  # variance of any state, its unit squared: the model has run away, and the belief says nothing any more
 SMALL = 15_000  # instructions, beyond which compiling takes longer than an estimator with one call per sample saves
 
 
@@ -74,10 +75,14 @@ class Filter:
 
     def init(self, at: Mapping[str, float]) -> StateBelief:
         """At rest at a known pose, by channel."""
+        x, P = self._at_rest(at)
+        return StateBelief(x, P, (), 0, x[self.poses])
+
+    def _at_rest(self, at: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """x (nx,) and P (nx, nx) of a robot at rest at a measured pose, by channel."""
         P = np.zeros((self.model.nx, self.model.nx))
         P[self.poses, self.poses] = np.square(self.settings.noise)
-        x = self.model.start(at)
-        return StateBelief(x, P, (), 0, x[self.poses])
+        return self.model.start(at), P
 
     def with_parameters(self, p: np.ndarray) -> "Filter":
         """The same filter, its model with other numbers (np,)."""
@@ -91,6 +96,8 @@ class Filter:
             waiting.append(np.asarray(command, dtype=np.float64))
         while len(waiting) > self.late:
             x, P = self._predict(x, P, waiting.popleft())
+        if not (np.isfinite(x).all() and np.abs(P).max() < LOST):
+            x, P = self._restarted(reading, belief.origin)
         if self.anew:  # what a prediction adds up beside the poses begins at the measurement
             x = x.copy()
             x[list(self.anew)] = 0.0
@@ -120,7 +127,15 @@ class Filter:
     def _predict(self, x: np.ndarray, P: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         new = self.drive(x, u)
         A = self.stage.results[1].reshape(len(x), len(x)).T
-        return new, A @ P @ A.T + self.Q
+        with np.errstate(over="ignore", invalid="ignore"):
+            return new, A @ P @ A.T + self.Q
+
+    def _restarted(self, reading: Reading, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The state at rest where the sensors see the robot, for a model that has run away, as one without joint stops
+        does where the robot stands at one. What they do not see now is where the robot started."""
+        y = self._pose(reading, origin)
+        at = np.where(np.isfinite(y), y, origin)
+        return self._at_rest(dict(zip(self.model.stepped.poses, at.tolist(), strict=True)))
 
     def _correct(
         self, x: np.ndarray, P: np.ndarray, y: np.ndarray, rejected: int, coming: np.ndarray | None

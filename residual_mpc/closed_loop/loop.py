@@ -85,7 +85,7 @@ def tracked_of(estimator: Filter, reading: Reading) -> np.ndarray:
     at = estimator.model.stepped
     if at.output is None:
         return np.array([reading[c] for c in at.poses])
-    y = estimator.outputs(estimator.model.start({c: reading[c] for c in at.poses}))
+    y = estimator.outputs(estimator.model.at_rest({c: reading[c] for c in at.poses}))
     return np.array([reading.get(name, value) for name, value in zip(at.tracked, y.tolist(), strict=True)])
 
 

@@ -16,6 +16,10 @@ CONTROLLER_TYPES = ("mpc", "lqr")
 Progress = Callable[[str, float], None]
 
 
+class DoubtfulReference(UserWarning):
+    """A reference that the robot can hardly follow, or that may be in other units."""
+
+
 @dataclass(frozen=True)
 class RunOptions:
     """seeds: how many plants; seed: of the first; out: folder for episodes, diagnosis and figures, None for none.

@@ -106,7 +106,7 @@ class TaskStack:
 
     def measured(self, poses: np.ndarray, positions: np.ndarray) -> np.ndarray:
         at = self.model.stepped.poses
-        rows = [self.model.start(dict(zip(at, row.tolist(), strict=True))) for row in poses]
+        rows = [self.model.at_rest(dict(zip(at, row.tolist(), strict=True))) for row in poses]
         return self.model.outputs(np.array(rows))[:, :3]
 
     def readout(self, positions: np.ndarray) -> np.ndarray:

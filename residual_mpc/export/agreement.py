@@ -7,14 +7,20 @@ import numpy as np
 
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.export.augmented import Augmented, with_residual
+from residual_mpc.export.command_grid import CommandGrid
 from residual_mpc.export.moving import moving_apart
 from residual_mpc.export.network import READS, remembered, residual_delta
 from residual_mpc.learning.forms.residual_robot import residual_robot
 from residual_mpc.learning.network.residual import Residual
-from residual_mpc.models.protocol import Drive
+from residual_mpc.models import optional
+from residual_mpc.models.protocol import Drive, Robot
 
 Step = Callable[[np.ndarray, np.ndarray], np.ndarray]  # x (n, nx), u (n, nu) -> x+ (n, nx)
+NETWORK_UNIT = "in the units of the network's outputs"
 PREFACE = 4.0  # s of steady motion: it fills every memory, and puts play on a known stop
+# m or rad: no arm, servo or effect that was tried leaves its replay by more within a move (docs/results/control.md has
+# the figures), so that a step beyond it has something in it that it models otherwise
+USUAL = 0.008
 BEYOND = 1.5  # times the limit of a network's inputs: the export has to hold them where the learned network does
 
 
@@ -39,13 +45,14 @@ class Agreement:
     step: the exported step against the model in numpy, at sampled states and commands. replay: the model in numpy
     against the replay of diagnosis and learning, over sampled trajectories of poses; where the network was learned at
     another step, or on a task, without it.
-    network: the exported network against the learned one, in its outputs' units; 0 without one.
+    network: the exported network against the learned one, in its outputs' units; 0 without one. unit: of the largest.
     """
 
     step: float
     replay: float
     network: float
     points: int
+    unit: str
 
     @property
     def largest(self) -> float:
@@ -56,8 +63,33 @@ def agreement(model: Augmented, step: Step, rng: np.random.Generator, sampling: 
     """Compare an exported step with what it was made from."""
     s = sampling or Sampling()
     x, u = sample(model, rng, s)
-    apart = float(np.abs(step(x, u) - model.numpy_step(x, u)).max())
-    return Agreement(apart, _from_replay(model, rng, s), _network(model, rng, s), s.points)
+    each = np.abs(step(x, u) - model.numpy_step(x, u)).max(axis=0)
+    apart, replay, network = float(each.max()), _from_replay(model, rng, s), _network(model, rng, s)
+    unit = model.stepped.units[int(each.argmax())]
+    if max(replay, network) > apart:
+        unit = position_unit(model.robot) if replay >= network else NETWORK_UNIT
+    return Agreement(apart, replay, network, s.points, unit)
+
+
+def far_from_replay(apart: Agreement, model: Augmented) -> list[str]:
+    """What a user has to know of a step that is farther from the replay than steps usually are."""
+    if not apart.replay > USUAL:
+        return []
+    unit = position_unit(model.robot)
+    missing = dict.fromkeys(what.split(":")[0].split(" ")[0] for what in model.stepped.left_out)
+    effects = ", ".join(name for name in missing if name in model.settings.effects)
+    because = f"; it leaves out {effects}" if effects else ""
+    return [
+        f"over sampled moves the step is up to {apart.replay:.2g} {unit} off the replay that the diagnosis used, "
+        f"where steps usually stay within {USUAL:g}{because}. Check it against your logs, or try another time step"
+    ]
+
+
+def position_unit(robot: Robot) -> str:
+    """The unit of a difference between positions of a robot: "rad", "m", or either."""
+    lengths = {"pose.x", "pose.y", *(f"position.{joint}" for joint in optional.sliding(robot))}
+    places = [c for c in robot.channels if c.startswith(("pose.", "position."))]
+    return " or ".join(unit for unit, found in (("m", lengths), ("rad", {*places} - lengths)) if found & {*places})
 
 
 def sample(model: Augmented, rng: np.random.Generator, s: Sampling) -> tuple[np.ndarray, np.ndarray]:
@@ -115,19 +147,19 @@ def _from_replay(model: Augmented, rng: np.random.Generator, s: Sampling) -> flo
     at = bare.start()
     states = bare.stepped.states
     start = {c: np.full(rows, at[states.index(c)] if c in states else 0.0) for c in _start_channels(bare)}
-    grid = max(1, round(dt / (bare.robot.step or dt)))  # the model's own steps within one of ours
-    drive = Drive(dt / grid, 0, np.repeat(u, grid, axis=1), None, np.full(rows, model.build.clock))
+    grid = CommandGrid(dt, bare.robot.step or dt)
+    drive = Drive(grid.step, 0, grid.commands(u), None, np.full(rows, model.build.clock))
     source = bare.robot if learned is None else residual_robot(bare.robot, learned)
     nodes = source.replay(start, drive, bare.settings.take(np.zeros(rows, dtype=int)), bare.stepped.poses)
     x = np.repeat(at[None], rows, axis=0)
     for k in range(lead):
         x = bare.numpy_step(x, u[:, k])
     where = [states.index(c) for c in bare.stepped.poses]
-    x[:, where] = np.stack([nodes[c][:, lead * grid] for c in bare.stepped.poses], axis=-1)
+    x[:, where] = np.stack([grid.at_sample(nodes[c], lead) for c in bare.stepped.poses], axis=-1)
     worst = 0.0
     for k in range(lead, steps):
         x = bare.numpy_step(x, u[:, k])
-        there = np.stack([nodes[c][:, (k + 1) * grid] for c in bare.stepped.poses], axis=-1)
+        there = np.stack([grid.at_sample(nodes[c], k + 1) for c in bare.stepped.poses], axis=-1)
         worst = float(np.maximum(worst, np.abs(x[:, where] - there).max()))  # NaN stays
     return worst
 

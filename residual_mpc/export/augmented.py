@@ -13,6 +13,7 @@ from residual_mpc.export.network import corrected, correction, reads, remembered
 from residual_mpc.export.soften import kinks
 from residual_mpc.learning.network.residual import Residual
 from residual_mpc.learning.network.written import residual_in
+from residual_mpc.logs.columns import did_you_mean
 from residual_mpc.models import optional
 from residual_mpc.models.fits import check_fits
 from residual_mpc.models.logged_laws import NOTHING, at_values, carriers_of, columns_at, columns_of
@@ -85,11 +86,23 @@ class Augmented:
         return self.stepped.step(kinks(ops, smooth), x, u, p[:n], add)
 
     def start(self, pose: Mapping[str, float] | None = None) -> np.ndarray:
-        """(nx,) the robot at rest at a pose by channel; what is not named is 0 (of a fixed robot: as at home)."""
-        if self.stepped.resting is not None:
-            return self.stepped.resting(pose or {})
-        x = self.stepped.rest.copy()
+        """(nx,) the robot at rest at a pose by channel; what is not named is 0 (of a fixed robot: as at home).
+
+        Raises BadInput for a name that is none of the poses, and a value that is not finite.
+        """
         for name, value in (pose or {}).items():
+            if name not in self.stepped.poses:
+                raise BadInput(f"unknown pose {name!r}", "", did_you_mean(name, self.stepped.poses))
+            if not np.isfinite(value):
+                raise BadInput(f"{name} must be finite, got {value}", "", "give a measured value, or leave it out")
+        return self.at_rest(pose or {})
+
+    def at_rest(self, pose: Mapping[str, float]) -> np.ndarray:
+        """(nx,) as `start`, of a reading, which may have other channels and NaN."""
+        if self.stepped.resting is not None:
+            return self.stepped.resting(pose)
+        x = self.stepped.rest.copy()
+        for name, value in pose.items():
             if name in self.stepped.poses:
                 x[self.stepped.states.index(name)] = value
         return x

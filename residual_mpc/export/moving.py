@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from residual_mpc.export.augmented import Augmented, with_residual
+from residual_mpc.export.command_grid import CommandGrid
 from residual_mpc.learning.forms.residual_robot import residual_robot
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Drive, Robot
@@ -29,18 +30,18 @@ def moving_apart(model: Augmented, rng: np.random.Generator) -> float:
     at, robot, dt = bare.stepped, bare.robot, model.build.dt
     x, u = _moves(bare, rng)
     places = [[at.states.index(c) for c in channels] for channels in (at.poses, at.rates)]
-    grid = max(1, round(dt / (robot.step or dt)))
-    lead = int(np.ceil(LEAD / dt)) * grid
+    grid = CommandGrid(dt, robot.step or dt)
+    lead = int(np.ceil(LEAD / grid.step))
     before = np.repeat(_held(bare, x)[:, None], lead, axis=1)
-    command = np.concatenate([before, np.repeat(u, grid, axis=1)], axis=1)
-    drive = Drive(dt / grid, lead, command, None, np.full(ROWS, model.build.clock))
+    command = np.concatenate([before, grid.commands(u)], axis=1)
+    drive = Drive(grid.step, lead, command, None, np.full(ROWS, model.build.clock))
     start = _at_rest(robot) | dict(zip((*at.poses, *at.rates), x[:, [*places[0], *places[1]]].T, strict=True))
     source = robot if learned is None else residual_robot(robot, learned)
     nodes = source.replay(start, drive, bare.settings.take(np.zeros(ROWS, dtype=int)), at.poses)
     worst = 0.0
     for k in range(u.shape[1]):
         x = bare.numpy_step(x, u[:, k])
-        there = np.stack([nodes[c][:, (k + 1) * grid] for c in at.poses], axis=-1)
+        there = np.stack([grid.at_sample(nodes[c], k + 1) for c in at.poses], axis=-1)
         worst = max(worst, float(np.nan_to_num(np.abs(x[:, places[0]] - there), nan=np.inf).max()))
     return worst
 

@@ -94,7 +94,7 @@ class SteppedSimulator:
         given = {c: np.broadcast_to(np.asarray(v, dtype=float), self.rows) for c, v in (start or {}).items()}
         before = self._sensors.save() if where is not None else ()
         for row in np.flatnonzero(chosen):
-            self._x[row] = self.model.start({c: float(v[row]) for c, v in given.items()})
+            self._x[row] = self.model.at_rest({c: float(v[row]) for c, v in given.items()})
         self._sensors.begin(self._truth())
         if before:
             self._sensors.restore(before, ~chosen)

@@ -7,6 +7,7 @@ from pprint import pformat
 from typing import Any
 
 from residual_mpc.errors import BadInput
+from residual_mpc.export.agreement import position_unit
 from residual_mpc.export.augmented import settings_from
 from residual_mpc.files import write_atomically
 from residual_mpc.learning.network.written import residual_in
@@ -102,6 +103,7 @@ def write_sysid(
         "left_out": left_out,
         "largest_difference": {
             "joints": made.apart, "largest": made.apart, "points": made.points, "from_all_effects": made.apart_from_all,
+            "unit": position_unit(robot),
         },
     }  # fmt: skip
     write_atomically(folder / "export.json", json.dumps(document, indent=2) + "\n")

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from residual_mpc.errors import BadInput
+from residual_mpc.export.agreement import position_unit
 from residual_mpc.export.augmented import settings_from
 from residual_mpc.files import write_atomically
 from residual_mpc.learning.network.written import residual_in
@@ -34,7 +35,10 @@ def write_urdf(written: Written, robot: Robot, file: RobotFile, folder: Path) ->
         "files": {path.name: "the model with the effects that URDF can express"},
         "approximated": list(made.approximated),
         "left_out": list(made.left_out),
-        "largest_difference": {"joints": apart, "largest": apart, "points": points, "from_all_effects": whole},
-    }
+        "largest_difference": {
+            "joints": apart, "largest": apart, "points": points, "from_all_effects": whole,
+            "unit": position_unit(robot),
+        },
+    }  # fmt: skip
     write_atomically(folder / "export.json", json.dumps(document, indent=2) + "\n")
     return document

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from residual_mpc.errors import BadInput
-from residual_mpc.export.agreement import Agreement, Step, agreement
+from residual_mpc.export.agreement import NETWORK_UNIT, Agreement, Step, agreement, far_from_replay, position_unit
 from residual_mpc.export.augmented import Augmented, settings_from
 from residual_mpc.export.casadi_model import CasadiModel, casadi_model
 from residual_mpc.extras import extra
@@ -78,6 +78,7 @@ def write_mjcf(written: Written, robot: Robot, folder: Path) -> dict[str, Any]:
         "left_out": list(made.left_out),
         "largest_difference": {
             "joints": made.apart, "largest": made.apart, "points": made.points, "from_all_effects": made.apart_from_all,
+            "unit": position_unit(robot),
         },
     }  # fmt: skip
     write_atomically(folder / "export.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
@@ -98,6 +99,7 @@ def describe(model: Augmented, c: CasadiModel, to: str, files: Mapping[str, str]
         ],
         "approximated": _at_another_step(model),
         "left_out": list(model.stepped.left_out),
+        "warnings": far_from_replay(apart, model),
         "commands": list(c.u_names),
         "command_units": list(command_units(model.robot)),
         "parameters": [
@@ -236,7 +238,7 @@ def write_network(residual: Residual | None, robot: str, folder: Path) -> dict[s
         "inputs": list(residual.inputs),
         "outputs": list(residual.outputs),
         "files": {"residual.onnx": "only the network: z -> delta, in physical units"},
-        "largest_difference": {"network": apart, "largest": apart, "points": 500},
+        "largest_difference": {"network": apart, "largest": apart, "points": 500, "unit": NETWORK_UNIT},
     }
     write_atomically(folder / "export.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
     return document

@@ -7,6 +7,7 @@ from residual_mpc.report.figures.learning import learning_curve
 from residual_mpc.report.page import Frame, page
 from residual_mpc.report.sections.gap_bar import bar_of
 from residual_mpc.report.sections.section import Section, render
+from residual_mpc.report.words.learned import at_the_floor, earlier_fate, hardly_fell, why_nothing
 from residual_mpc.report.words.numbers import listed, number, percent
 
 Document = Mapping[str, Any]  # learn.json
@@ -34,6 +35,8 @@ def learned_sentence(document: Document) -> str:
     """The result in one sentence."""
     gap = document["gap"]
     where = "held-out data" if gap["on"] == "held_out" else "the data that it was trained on"
+    if document.get("kept") is False:
+        return f"Nothing was kept of what was learned: {why_nothing(document)}."
     if not helps(document):
         return f"The learned residual does not make the gap smaller on {where}, so the model is better without it."
     change = percent(1.0 - gap["after"] / gap["before"])
@@ -51,7 +54,8 @@ def _verdict(document: Document) -> Section:
         badge="effects" if helps(document) else "unknown",
         title=TITLES[helps(document)],
         headline=learned_sentence(document),
-        bar=bar_of(known, None, None) if known else None,
+        bar=bar_of(known, gap.get("noise_floor"), None) if known else None,
+        floor=_floor(document),
         case=CASES[document["case"]],
         training=gap["on"] != "held_out",
         left_alone=listed(document["left_alone"] or [""]),
@@ -62,6 +66,18 @@ def _verdict(document: Document) -> Section:
     return Section("verdict", "Verdict", body)
 
 
+def _floor(document: Document) -> str:
+    """The gap beside the noise floor, in words; empty where the floor is not known."""
+    gap = document["gap"]
+    floor = gap.get("noise_floor")
+    if floor is None:
+        return ""
+    said = f"Sensor noise alone makes a gap of {number(floor)} (noise floor); without the network it is "
+    said += f"{number(gap['before'])}, with it {number(gap['after'])}."
+    at = at_the_floor(document)
+    return f"{said} {at}." if at else said
+
+
 def _course(document: Document) -> Section | None:
     """There where the course of the learning was kept."""
     history = document.get("history") or []
@@ -69,7 +85,7 @@ def _course(document: Document) -> Section | None:
         return None
     body = render(
         "learned/course.html.jinja", figure=learning_curve(history, document["converged_after"], "course"),
-        h2=document["h2_norm"], converged=document["converged_after"],
+        h2=document["h2_norm"], converged=document["converged_after"], hardly=hardly_fell(document),
     )  # fmt: skip
     return Section("course", "How it learned", body)
 
@@ -78,11 +94,15 @@ def _channels(document: Document) -> Section | None:
     channels = sorted(document["gap"]["channels"].items(), key=lambda c: -c[1]["before"])
     if not channels:
         return None
-    return Section("channels", "The gap by channel", render("learned/channels.html.jinja", channels=channels))
+    floors = any(figures.get("noise_floor") is not None for _, figures in channels)
+    body = render("learned/channels.html.jinja", channels=channels, floors=floors)
+    return Section("channels", "The gap by channel", body)
 
 
 def _network(document: Document) -> Section:
-    return Section("network", "The network", render("learned/network.html.jinja", **document))
+    condition = document["condition"]
+    fate = None if condition is None else earlier_fate(condition)
+    return Section("network", "The network", render("learned/network.html.jinja", **document, fate=fate))
 
 
 def _words() -> Section:

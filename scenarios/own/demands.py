@@ -9,6 +9,7 @@ from residual_mpc.closed_loop.compare import Comparison
 from residual_mpc.effects.command import COMMAND_DELAY
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.export.augmented import Augmented
+from residual_mpc.models import optional
 from residual_mpc.models.settings import TUNE
 from scenarios.own.inverse import closest
 from scenarios.own.reference import Waypoints
@@ -67,10 +68,14 @@ def notes_of(model: Augmented, reference: Waypoints, settings: MpcSettings, comp
     ]
 
 
+def joint_ranges(model: Augmented) -> dict[str, tuple[float, float]]:
+    """The range of each joint's position that has one, rad or m, by channel."""
+    return {f"position.{joint}": span for joint, span in optional.limits(model.robot).items()}
+
+
 def _beyond(model: Augmented, reference: Waypoints) -> list[str]:
     """Joints whose range the reference leaves."""
-    ranges = dict(zip(model.stepped.poses, model.stepped.spans, strict=False))
-    out = []
+    ranges, out = joint_ranges(model), []
     for name, values in zip(reference.names, reference.values.T, strict=True):
         low, high = ranges.get(name, (-np.inf, np.inf))
         past = float(max(low - values.min(), values.max() - high))

@@ -23,14 +23,16 @@ class Waypoints:
     """Waypoints of the tracked channels `names`: values (n, ny), rad or m, at t (n,) s from 0 on, interpolated by a
     monotone cubic; the last value is held.
 
-    beyond: s at the end that only the controllers' preview uses. Raises BadInput for values that are not finite or not
-    a row a stamp and a column a name, and for stamps that do not increase.
+    beyond: s at the end that only the controllers' preview uses. file: the table that they were read from, empty
+    without one. Raises BadInput for values that are not finite or not a row a stamp and a column a name, and for stamps
+    that do not increase.
     """
 
     names: tuple[str, ...]
     t: np.ndarray
     values: np.ndarray
     beyond: float = 0.0
+    file: str = ""
 
     def __post_init__(self) -> None:
         for name in ("t", "values"):
@@ -47,6 +49,16 @@ class Waypoints:
     @property
     def seconds(self) -> float:
         return float(self.t[-1]) - self.beyond
+
+    @property
+    def where(self) -> str:
+        """What an error message names."""
+        return self.file or "`reference`"
+
+    def row(self, k: int) -> str:
+        """Where row k stands and when it is, for messages."""
+        place = f"line {k + 2}" if self.file else f"row {k}"
+        return f"{place}, {self.t[k]:.4g} s after the start,"
 
     def path(self, t: np.ndarray) -> np.ndarray:
         """(n, ny) at times t (n,) s."""
@@ -105,7 +117,8 @@ def read_reference(path: Path) -> Waypoints:
         line = int(np.flatnonzero(np.diff(t) <= 0)[0]) + 3
         raise BadInput(f"t must increase, but does not at line {line}", str(path), "sort the lines, remove duplicates")
     names = tuple(str(c) for c in table.columns if c != "t")
-    return Waypoints(names, t - t[0], values[:, [list(table.columns).index(n) for n in names]])
+    columns = [list(table.columns).index(n) for n in names]
+    return Waypoints(names, t - t[0], values[:, columns], file=str(path))
 
 
 def named_motion(name: str, model: Augmented, rounds: int = 3) -> Waypoints:

@@ -5,6 +5,7 @@ result = OwnScenario(robot, model).run(RunOptions(seeds=3))
 """
 
 import json
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,7 +23,7 @@ from residual_mpc.closed_loop.compare import Comparison, ControlStack, compare, 
 from residual_mpc.closed_loop.estimator import EstimatorSettings, build_filter
 from residual_mpc.closed_loop.loop import LoopSettings
 from residual_mpc.closed_loop.protocols import Reading, Simulator
-from residual_mpc.closed_loop.scenario import Progress, RunOptions
+from residual_mpc.closed_loop.scenario import DoubtfulReference, Progress, RunOptions
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented, augment, augmented_from, settings_from
 from residual_mpc.models import optional
@@ -34,6 +35,7 @@ from scenarios.own.guarded import Guarded, check_actuators, guarded
 from scenarios.own.inverse import posture_at
 from scenarios.own.plant import NoisySensors, plant_of
 from scenarios.own.reference import Waypoints, is_of_the_tool, named_motion, read_reference
+from scenarios.own.reference_audit import audit_reference, wheel_limit
 from scenarios.own.units import mixed, unit_of
 
 # 1-sigma of a sensor without an entry in the robot file: rad or m of an encoder, m and rad of a localisation
@@ -47,13 +49,15 @@ PlantFactory = Callable[[RobotFile, float], Simulator]  # (robot file, s between
 
 @dataclass(frozen=True, eq=False)
 class OwnRun:
-    """A comparison, the names of the tracked channels, and the augmented model, reference and settings behind it."""
+    """A comparison, the names of the tracked channels, the augmented model, reference and settings behind it, and what
+    is doubtful about the reference."""
 
     comparison: Comparison
     names: tuple[str, ...]
     model: Augmented
     reference: Waypoints
     settings: MpcSettings
+    doubts: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +108,7 @@ class OwnScenario:
         result["tracked"] = list(names)
         result["unit"] = unit_of(names, optional.sliding(self.robot.model))
         notes = notes_of(driven.model, driven.reference, driven.settings, comparison)
-        result["notes"] = [*mixed(names, optional.sliding(self.robot.model)), *notes]
+        result["notes"] = [*driven.doubts, *mixed(names, optional.sliding(self.robot.model)), *notes]
         if options.out is not None:
             from scenarios.own.figures import write
 
@@ -117,7 +121,9 @@ class OwnScenario:
         progress("building the controllers", 0.0)
         models = self._models()
         nominal = models["nominal"]
-        reference = self._waypoints(nominal).with_held(nominal).ordered(nominal.stepped.tracked, str(self.reference))
+        reference = self._waypoints(nominal).with_held(nominal)
+        reference = reference.ordered(nominal.stepped.tracked, reference.where)
+        doubts = self._doubts(reference, models)
         begin = posture_at(nominal, reference.path(np.zeros(1))[0])
         dt = self.model.dt
         simulator = self._simulator(nominal, begin)
@@ -133,7 +139,18 @@ class OwnScenario:
             simulator, stacks, reference, LoopSettings(reference.seconds, dt), seeds, (),
             lambda stage, done: progress(stage, 0.3 + 0.6 * done), begin,
         )  # fmt: skip
-        return OwnRun(comparison, nominal.stepped.tracked, models["augmented"], reference, settings)
+        return OwnRun(comparison, nominal.stepped.tracked, models["augmented"], reference, settings, doubts)
+
+    def _doubts(self, reference: Waypoints, models: Mapping[str, Augmented]) -> tuple[str, ...]:
+        """What is doubtful about the reference, which is warned of before anything is driven."""
+        limits = [wheel_limit(models["augmented"])]
+        if self.settings is not None:
+            limits.append(float(np.abs(np.hstack([self.settings.limits.lower, self.settings.limits.upper])).max()))
+        limit = min((x for x in limits if x is not None), default=None)
+        doubts = tuple(audit_reference(reference, models["nominal"], self.model.dt, limit))
+        for doubt in doubts:
+            warnings.warn(f"{reference.where}: {doubt}", DoubtfulReference, stacklevel=3)
+        return doubts
 
     def _models(self) -> dict[str, Augmented]:
         """The model of each controller; the oracle only if the withheld effects are given."""

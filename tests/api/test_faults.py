@@ -50,7 +50,9 @@ def runs(folder: Path, robot: rm.NominalRobot) -> rm.Runs:
 
 @pytest.fixture(scope="module")
 def network(robot: rm.NominalRobot, runs: rm.Runs) -> rm.LearnedModel:
-    return rm.learn(robot, runs, hidden=(2,), passes=1)
+    made = rm.learn(robot, runs, hidden=(10,), passes=3)
+    assert made.document["kept"]
+    return made
 
 
 def model_file(folder: Path, robot: str, values: Mapping[str, float]) -> Path:
@@ -258,9 +260,16 @@ def test_a_time_step_is_a_positive_number(robot: rm.NominalRobot, dt: float) -> 
         rm.augment(robot, dt=dt)
 
 
+def test_a_time_step_is_no_longer_than_those_of_controllers(robot: rm.NominalRobot) -> None:
+    with pytest.raises(rm.BadInput, match="the time step must be at most 0.5 s, got 3 s"):
+        rm.augment(robot, dt=3.0)
+
+
 @pytest.mark.parametrize(
     ("call", "said"),
     [
+        (lambda m: m.augmented.start({"pose.xx": 1.0}), "unknown pose 'pose.xx'. Did you mean 'pose.x'\\?"),
+        (lambda m: m.augmented.start({"pose.x": float("nan")}), "pose.x must be finite, got nan"),
         (lambda m: m.step(np.zeros(2), np.zeros(2)), "x must have 3 values in its last axis, got shape \\(2,\\)"),
         (lambda m: m.step(np.zeros((5, 3)), np.zeros((5, 3))), "u must have 2 values"),
         (lambda m: m.linearize(np.zeros(4), np.zeros(2)), "x must have 3 values"),

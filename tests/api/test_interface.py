@@ -179,6 +179,13 @@ def test_results_show_themselves(
     for result in shown:
         text, page = str(result), result._repr_html_()
         assert text and page.startswith("<pre>") and html.escape(text.splitlines()[0]) in page
+        line = repr(result)
+        assert line.startswith(f"<{type(result).__name__}: ") and "\n" not in line and len(line) < 400, line
+    controllers = rm.augment(robot).mpc(), rm.augment(robot).lqr(np.zeros((5, 3)))
+    assert str(controllers[0]) == (
+        "<Mpc of rover: 20 steps of 0.05 s, tracks pose.x, pose.y, pose.theta, commands left, right>"
+    )
+    assert str(controllers[1]) == "<Lqr of rover: along a path of 0.25 s>"
     frame = diagnosis.to_frame()
     assert set(frame["effect"]) == set(FAULTS) and (frame["low"] < frame["high"]).all()
     assert len(runs.to_frame()) == sum(len(r.t) for r in runs)

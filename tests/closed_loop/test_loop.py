@@ -270,3 +270,14 @@ def test_converged_after_by_hand():
     mean = np.where(t < 15.0, 1.0, 0.2)
     assert converged_after(t, mean) == 15.0
     assert converged_after(t, np.ones_like(t)) is None
+
+
+def test_an_estimate_that_has_run_away_begins_anew_at_the_reading(knows):
+    """As that of an arm's model without joint stops does, where the arm stands at one."""
+    filter_ = knows.estimator
+    belief = filter_.init({"pose.x": 1.0})
+    reading = {"pose.x": 1.2, "pose.y": np.nan, "pose.theta": 0.3}
+    for lost in (replace(belief, P=np.full_like(belief.P, 1e200)), replace(belief, x=np.full_like(belief.x, np.nan))):
+        x, after = filter_.step(lost, np.zeros(2), reading)
+        assert np.isfinite(after.P).all() and np.abs(after.P).max() < 1.0
+        np.testing.assert_allclose(x[filter_.poses], [1.2, 0.0, 0.3], atol=1e-6)

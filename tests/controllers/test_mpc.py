@@ -188,6 +188,20 @@ def test_garbage_in_gives_a_command_within_limits(poison):
         assert np.isfinite(state.plan).all()
 
 
+@pytest.mark.parametrize(
+    ("x", "reference", "said"),
+    [
+        (2, (20, 3), r"x must have shape \(3,\), got \(2,\). Give pose.x, pose.y, pose.theta in this order"),
+        (3, (20, 2), r"reference must have shape \(20, 3\), a row for each of the next 20 samples, got \(20, 2\)"),
+        (3, (3,), r"got \(3,\). Give pose.x, pose.y, pose.theta in each row"),
+    ],
+)
+def test_arrays_of_another_shape_are_refused(x, reference, said):
+    mpc = build_mpc(drive({}), FAST)
+    with pytest.raises(BadInput, match=said):
+        mpc.step(mpc.init(), np.zeros(x), np.zeros(reference))
+
+
 def test_the_same_input_gives_the_same_command_bit_for_bit():
     model = drive(SLOW, network=True)
     mpc = build_mpc(model, FAST)

@@ -87,7 +87,7 @@ def test_what_limits_one_actuator_leaves_the_others_finite(effect, smooth, tmp_p
 
 @pytest.mark.parametrize("apart", [(np.nan, 0.0, 0.0), (0.0, np.nan, 0.0), (1e-17, 0.0, np.nan), (0.0, np.inf, 0.0)])
 def test_an_export_that_is_not_finite_is_refused_and_leaves_nothing(tmp_path, monkeypatch, apart):
-    monkeypatch.setattr("residual_mpc.export.write.agreement", lambda *_: Agreement(*apart, 1))
+    monkeypatch.setattr("residual_mpc.export.write.agreement", lambda *_: Agreement(*apart, 1, "rad"))
     with pytest.raises(BadInput, match="not finite"):
         write_model(augment(SERVO, {}, None, Build(DT)), "jax", tmp_path, np.random.default_rng(0))
     assert list(tmp_path.iterdir()) == []

@@ -11,6 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from models import learned
 from oracles.arms import arm_xml
 from oracles.gap_literal import gap_literal
 from oracles.rover_log import ROBOT, SIGMA, rover_run, write_run
@@ -18,6 +19,7 @@ from oracles.rover_log import ROBOT, SIGMA, rover_run, write_run
 import residual_mpc as rm
 from residual_mpc.cli.main import main
 from residual_mpc.export.recording.write import file_names
+from residual_mpc.learning.network.residual import KEY, to_json
 from residual_mpc.logs.run import Run
 
 pytest.importorskip("mcap")
@@ -228,7 +230,9 @@ def test_an_arm_is_drawn_as_mujoco_places_its_links(tmp_path: Path, capsys: pyte
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("model.json",), "it names no runs that still exist. Name runs with --runs"),
+        (("model.json",), "it names no runs. Name runs with --runs"),
+        (("gone.json",), "the runs of gone.json do not all exist any more. Name runs with --runs"),
+        (("learned.json",), "a learned model names no runs, and no diagnosis is beside it. Name runs with --runs"),
         (("model.json", "--runs", "none.csv"), "none.csv"),
         (("model.json", "--runs", "arm.csv"), "command."),
         (("arm.json", "--runs", "r0.csv"), "arm"),
@@ -247,6 +251,9 @@ def test_what_cannot_be_recorded_is_refused_and_leaves_nothing(
         (tmp_path / name).write_text((rover / "runs" / name).read_text())
     (tmp_path / "model.json").write_text((rover / "out" / "model.json").read_text())
     (tmp_path / "arm.json").write_text(json.dumps(model_of("arm", "x", "payload", "mass", 0.3)))
+    rover_model = json.loads((tmp_path / "model.json").read_text())
+    (tmp_path / "gone.json").write_text(json.dumps({**rover_model, "run_files": ["gone"]}))
+    (tmp_path / "learned.json").write_text(json.dumps({**rover_model, KEY: to_json(learned())}))
     t = np.arange(0.0, 4.0, 0.05)
     write_run(Run("arm", t, {"command.j1": np.sin(t), "position.j1": np.sin(t)}), tmp_path)
     monkeypatch.chdir(tmp_path)

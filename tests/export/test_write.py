@@ -12,7 +12,7 @@ from models import DT, learned, model
 
 from residual_mpc.cli.main import main
 from residual_mpc.errors import BadInput
-from residual_mpc.export.agreement import Sampling, sample
+from residual_mpc.export.agreement import Agreement, Sampling, sample
 from residual_mpc.export.compiled import compiler
 from residual_mpc.export.onnx_network import from_onnx, to_onnx
 from residual_mpc.export.write import write_model
@@ -29,6 +29,28 @@ def test_a_written_model_says_how_far_it_is_from_its_source(to, smooth, tmp_path
     assert (apart["network"] < 1e-12) == (smooth == 0.0)
     assert json.loads((tmp_path / "export.json").read_text())["states"][0] == {"name": "pose.x", "unit": "m"}
     assert [p["name"] for p in document["parameters"]] == list(m.parameters)
+
+
+def test_a_difference_has_a_unit(tmp_path):
+    document = write_model(model("together"), "casadi", tmp_path, np.random.default_rng(0))
+    assert document["largest_difference"]["unit"] in {s["unit"] for s in document["states"]} | {"m or rad"}
+    assert document["warnings"] == []
+
+
+def test_a_step_far_from_the_replay_is_warned_of(tmp_path, monkeypatch, capsys):
+    far = Agreement(1e-15, 0.0467, 0.0, 500, "m or rad")
+    monkeypatch.setattr("residual_mpc.export.write.agreement", lambda *_: far)
+    (tmp_path / "model.json").write_text(
+        json.dumps({"schema": "residual-mpc/model/1", "robot": "diff_drive", "values": []})
+    )
+    with pytest.raises(SystemExit):
+        main(["export", str(tmp_path / "model.json"), "--robot", "diff_drive", "--to", "casadi"])
+    said = capsys.readouterr()
+    assert "over 500 points: 0.047 m or rad\n" in said.out
+    warning = "the step is up to 0.047 m or rad off the replay that the diagnosis used, where steps usually stay within"
+    assert "warning: over sampled moves " + warning in said.err
+    (kept,) = json.loads((tmp_path / "export_casadi" / "export.json").read_text())["warnings"]
+    assert warning in kept
 
 
 @pytest.mark.parametrize("to", ["casadi", "c", "jax", "onnx"])

@@ -11,6 +11,7 @@ from plants.diff_drive import DiffDrive
 from residual_mpc.report.drive import Driven, better, drive_page, drive_sentence
 from residual_mpc.report.learned import helps, learned_page, learned_sentence
 from residual_mpc.report.motion.drive_film import FRAMES, film_drive
+from residual_mpc.report.words.learned import learned_lines
 
 LEARNED = {
     "case": "real-to-dyn", "updates": 90, "parameters": 203, "form": "body", "step": 0.05, "seconds": 120.0,
@@ -83,6 +84,51 @@ def test_a_network_that_helps_says_by_how_much():
 def test_a_network_that_does_not_help_is_not_recommended():
     same = {**LEARNED, "gap": {**LEARNED["gap"], "after": 0.2}}
     assert not helps(same) and "better without it" in learned_sentence(same)
+
+
+def test_a_network_of_which_nothing_was_kept():
+    gap = {**LEARNED["gap"], "after": 0.2, "noise_floor": 0.05, "at_noise_floor": {"before": False, "after": False}}
+    none = {**LEARNED, "gap": gap, "kept": False, "chosen_pass": 0}
+    assert learned_sentence(none).startswith("Nothing was kept of what was learned: no pass over the data")
+    assert "the model predicts held-out runs better" in learned_sentence({**none, "chosen_pass": 1})
+
+
+def test_the_gap_of_a_network_stands_beside_the_noise_floor():
+    channels = {c: {**g, "noise_floor": 0.0351} for c, g in LEARNED["gap"]["channels"].items()}
+    gap = {**LEARNED["gap"], "before": 0.042, "after": 0.0403, "noise_floor": 0.0357, "channels": channels}
+    for before, after, said in (
+        (True, True, "was at the noise floor without the network: nothing is left to learn"),
+        (False, True, "With the network the gap is at the noise floor: nothing more is left to learn"),
+        (False, False, ""),
+    ):
+        document = {**LEARNED, "gap": {**gap, "at_noise_floor": {"before": before, "after": after}}}
+        text = Page(learned_page(document, "rover")).text.replace("\N{NO-BREAK SPACE}", " ")
+        assert "noise floor: 3.6 %" in text and "0.0357 (noise floor)" in text and "0.0351" in text
+        assert said in text and ("left to learn" in text) == bool(said)
+
+
+@pytest.mark.parametrize(
+    ("holds", "kept", "said"),
+    [(True, True, "is kept"), (True, False, "is set to zero, since the gap is larger with it"),
+     (False, False, "is set to zero")],
+)  # fmt: skip
+def test_what_became_of_the_earlier_residual_is_said_in_words(holds, kept, said):
+    condition = {"without": 0.18, "with_earlier": 0.149, "holds": holds, "kept": kept}
+    gap = {**LEARNED["gap"], "noise_floor": 0.01, "at_noise_floor": {"before": False, "after": False}}
+    document = {**LEARNED, "gap": gap, "kept": True, "turned_over": [], "nothing_earlier": False,
+                "condition": condition}  # fmt: skip
+    words = f"{said}: the measured and the predicted velocities differ by 0.149 on average with it, by 0.18 without it"
+    assert f"the earlier residual {words}" in "\n".join(learned_lines(document))
+    assert f"The residual of the case before {words}" in Page(learned_page(document, "rover")).text
+
+
+def test_a_norm_that_hardly_falls_has_not_converged():
+    gap = {**LEARNED["gap"], "noise_floor": 0.01, "at_noise_floor": {"before": False, "after": False}}
+    document = {**LEARNED, "gap": gap, "kept": True, "turned_over": [], "nothing_earlier": False}
+    assert "converged after 40 s" in "\n".join(learned_lines(document))
+    flat = {**document, "h2_norm": {**LEARNED["h2_norm"], "first": 0.0352, "last": 0.0348}, "converged_after": 0.76}
+    assert "the H2 norm decreased by less than 10%" in "\n".join(learned_lines(flat))
+    assert "The norm fell by less than 10 %" in Page(learned_page(flat, "rover")).text
 
 
 def test_the_course_is_drawn_only_where_it_was_kept():

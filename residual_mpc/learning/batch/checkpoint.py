@@ -11,6 +11,8 @@ import numpy as np
 
 from residual_mpc.learning.filter.kalman import Belief
 
+FILE = "checkpoint.npz"  # in the folder of what is learned
+
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:

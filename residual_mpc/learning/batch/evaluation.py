@@ -30,7 +30,7 @@ class Evaluation:
     def error(self, residual: Residual | None) -> np.ndarray:
         """(W, M, C) measured - predicted."""
         data = self.data
-        if residual is not None and residual.output_scale.any():
+        if residual is not None and residual.acts:
             made = with_residual([b.robot for b in data.blocks], residual)
             blocks = tuple(replace(b, robot=m) for b, m in zip(data.blocks, made, strict=True))
             data = replace(data, blocks=blocks)
@@ -122,3 +122,17 @@ def without_harmful_outputs(
         worse += [c for c in off if c not in worse]
         learned = fewer
     return learned, tuple(worse)
+
+
+def switched_off_where_worse(
+    evaluations: Sequence[Evaluation], learned: Residual, windows: np.ndarray
+) -> tuple[Residual, tuple[str, ...]]:
+    """The residual, with all of its outputs switched off where it makes the gap of any evaluation larger on these
+    windows (W,); and the channels that it made worse there."""
+    for evaluation in evaluations:
+        before, after = evaluation.gap(None, windows), evaluation.gap(learned, windows)
+        if not after.total <= before.total:  # also where it is not finite
+            worse = after.channels > before.channels
+            names = evaluation.data.channels
+            return learned.switched_off(), tuple(c for c, w in zip(names, worse, strict=True) if w)
+    return learned, ()

@@ -11,7 +11,7 @@ from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import Gap, per_window
 from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held_out_mask
 from residual_mpc.diagnosis.data.left_out import unfit
-from residual_mpc.diagnosis.predict.noise_floor import floor_of
+from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond, floor_of
 from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.errors import BadInput
 from residual_mpc.learning.batch import checkpoint as disk
@@ -20,6 +20,7 @@ from residual_mpc.learning.batch.evaluation import (
     build_evaluation,
     choose_validation_windows,
     overlapping,
+    switched_off_where_worse,
     without_harmful_outputs,
     without_outliers,
 )
@@ -68,8 +69,9 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class TrainingResult:
-    """learned: what this call learned; whole: with what it builds on, as one residual. condition: of model_constr,
-    None where nothing came before; kept_earlier: whether it holds and the gap agrees. h2 over the updates;
+    """learned: what this call learned; whole: with what it builds on, as one residual; of either all outputs are off
+    where nothing of it was kept. condition: of model_constr, None where nothing came before; kept_earlier: whether it
+    holds and the gap agrees. h2 over the updates;
     held_out_h2: H2 norms before and after learning on the held-out runs, None without any; gaps on the same runs, and
     their noise floor.
     without_spikes: gaps before and after where the jumps of the localisation, found in the log, are left out; None
@@ -88,7 +90,7 @@ class TrainingResult:
     update_ms: np.ndarray
     before: Gap
     after: Gap
-    noise_floor: float
+    noise_floor: NoiseFloor
     without_spikes: tuple[float, float] | None
     channels: tuple[str, ...]
     kept: tuple[KeptBack, ...]
@@ -96,6 +98,10 @@ class TrainingResult:
     worse_held_out: tuple[str, ...]
     chosen_pass: int
     seconds: float
+
+    def at_noise_floor(self, gap: Gap) -> bool:
+        """Whether a gap is no more than sensor noise makes, in all and in each channel: nothing is left to learn."""
+        return not beyond(gap, self.noise_floor, PredictSettings())
 
 
 Report = Callable[[int, int, float, float], None]  # update, of how many, seconds of data, H2 norm over the last 10 s
@@ -153,12 +159,14 @@ def _train(
     trail = _updates(task, problem, blank, settings, evaluation, aside, order, report, folder)
     passes = np.array([evaluation.gap(_whole(problem, blank), aside).total, *trail.pass_gap])
     chosen = int(np.nanargmin(passes))
-    learned = blank if chosen == 0 else blank.with_theta(trail.pass_theta[chosen - 1])
+    learned = blank.switched_off() if chosen == 0 else blank.with_theta(trail.pass_theta[chosen - 1])
     whole, left_alone = without_harmful_outputs(evaluation, form, _whole(problem, learned), aside)
     worse: tuple[str, ...] = ()
     last = held if held.any() else ~held
     if held.any():
         whole, worse = without_harmful_outputs(evaluation, form, whole, held)
+    whole, all_worse = switched_off_where_worse(tuple(dict.fromkeys((evaluation, final))), whole, last)
+    worse = tuple(dict.fromkeys((*worse, *(all_worse if held.any() else ()))))
     learned = learned.without(tuple(o for o, s in zip(whole.outputs, whole.output_scale, strict=True) if s == 0.0))
     before, after = final.gap(None, last), final.gap(whole, last)
     jumps = evaluation.data is not final.data and not np.array_equal(final.data.y, evaluation.data.y, equal_nan=True)
@@ -167,14 +175,14 @@ def _train(
         learned,
         whole,
         condition,
-        bool(problem.fixed),
+        bool(problem.fixed) and whole.acts,
         summary(trail.h2, step),
         _held_out_h2(problem, blank, whole, kept),
         trail.update,
         trail.update_ms,
         before,
         after,
-        floor_of(final.data.take(last), final.scales, effects, rng, PredictSettings()).total,
+        floor_of(final.data.take(last), final.scales, effects, rng, PredictSettings()),
         spared_of_them,
         evaluation.data.channels,
         kept,
@@ -186,7 +194,9 @@ def _train(
 
 
 def _whole(problem: TrainingProblem, learned: Residual) -> Residual:
-    return sum_residuals((*problem.fixed, learned))
+    """With the residuals that stand still, where it acts."""
+    parts = [*problem.fixed, learned] if learned.acts or not problem.fixed else list(problem.fixed)
+    return replace(sum_residuals(parts), step=learned.step, robot=learned.robot)
 
 
 def _earlier(
@@ -224,7 +234,7 @@ def _updates(
 ) -> disk.Checkpoint:
     """All updates, from the last checkpoint of this very call on."""
     each = len(order) // settings.passes
-    path = None if folder is None else folder / "checkpoint.npz"
+    path = None if folder is None else folder / disk.FILE
     call = disk.fingerprint(
         problem.data.y, problem.data.start, *(b.drive.command for b in problem.data.blocks),
         repr(task.values), task.case, blank.theta, blank.input_scale, blank.output_scale,

@@ -1,9 +1,12 @@
 """A residual on the accelerations of a robot of joints: x_{k+1} = Dyn(x_k, u_k) + delta, the paper's general model.
 
-Dyn is the robot's own replay over one step, begun anew from the corrected state: what a joint's servo or gravity makes
-of the correction is then the model's affair. A model that remembers something which is no channel (play, a filter
-inside an actuator) forgets it at each step; commands before the step still warm up delays and lags, but the replay of
-0.6 s by which a joint with play is begun at a window's start is not spent on every step.
+The robot's own replay of the whole window, with all that it remembers, is the base. What the residual has moved the
+state away from it is carried from step to step by Dyn, the robot's replay over one step: the difference between the
+step from the corrected state and the step from the base's. What a joint's servo or gravity makes of the correction is
+then the model's affair, and without a correction the robot is itself to the last bit, whatever it remembers. Of the
+difference alone, a model that remembers something which is no channel (play, the spring in a gear, a filter inside an
+actuator) forgets that at each step: commands before the step still warm up delays and lags, but the replay of 0.6 s by
+which a joint with play is begun at a window's start is not spent on every step.
 """
 
 from collections.abc import Mapping
@@ -55,8 +58,11 @@ class JointForm:
         channels = tuple(c for s in states for c in (s.position, s.velocity) if c is not None)
         asked = tuple(dict.fromkeys((*channels, *wanted)))
         ahead = _servo_joints(base)
-        x = {c: np.array(start[c], dtype=np.float64) for c in channels}
-        parts: dict[str, list[np.ndarray]] = {c: [np.empty((len(drive.clock), 0))] for c in wanted}
+        every = np.arange(settings.rows)
+        own = every[:1] if _alike(start, drive, settings) else every  # rows of the base's own motion
+        free = base.replay({c: v[own] for c, v in start.items()}, drive.take(own), settings.take(own), asked)
+        x = {c: np.repeat(free[c][:, 0], len(every) // len(own)) for c in channels}
+        parts: dict[str, list[np.ndarray]] = {c: [np.empty((len(every), 0))] for c in wanted}
         z, d, v = [], [], []
         for k in range(count):
             first, last = k * sub, min((k + 1) * sub, drive.steps)
@@ -64,7 +70,6 @@ class JointForm:
             columns = [u[:, i] - x[j] if j else u[:, i] for i, j in enumerate(ahead)]
             z.append(np.stack([*(x[c] for c in channels), *columns], axis=1))
             d.append(delta(z[-1]) if push is None else delta(z[-1]) + push[:, k])
-            found = base.replay(x, _part(drive, first, last), settings, asked)
             t = drive.dt * np.arange(last - first + 1)
             added: dict[str, np.ndarray] = {}
             for i, s in enumerate(states):
@@ -72,7 +77,9 @@ class JointForm:
                     added[s.position] = d[-1][:, i, None] * t
                 else:
                     added[s.position], added[s.velocity] = d[-1][:, i, None] * (0.5 * t**2), d[-1][:, i, None] * t
-            whole = {c: found[c] + added[c] if c in added else found[c] for c in asked}
+            from_base = {c: free[c][:, first] for c in channels}
+            apart = _carried(base, x, from_base, own, _part(drive, first, last), settings, asked)
+            whole = {c: free[c][:, first : last + 1] + apart[c] + added.get(c, 0.0) for c in asked}
             for c in wanted:
                 parts[c].append(whole[c] if k == count - 1 else whole[c][:, :-1])
             before, x = x, {c: whole[c][:, -1] for c in channels}
@@ -91,6 +98,30 @@ class JointForm:
             np.stack(d, axis=1),
             np.stack(v, axis=1),
         )
+
+
+def _carried(
+    base: Robot, x: Mapping[str, np.ndarray], from_base: Mapping[str, np.ndarray], own: np.ndarray, drive: Drive,
+    settings: Settings, asked: tuple[str, ...],
+) -> dict[str, np.ndarray]:  # fmt: skip
+    """How far apart one step from the state x (B,) and one from the base's own state (R,) are at each of its nodes.
+
+    own (R,): which of the B rows the base's own are, all of them or one that stands for all.
+    """
+    rows = settings.rows
+    if all((x[c] == from_base[c]).all() for c in x):
+        return {c: np.zeros((rows, drive.steps + 1)) for c in asked}
+    both = np.concatenate([np.arange(rows), own])
+    start = {c: np.concatenate([x[c], from_base[c]]) for c in x}
+    found = base.replay(start, drive.take(both), settings.take(both), asked)
+    return {c: found[c][:rows] - found[c][rows:] for c in asked}
+
+
+def _alike(start: Mapping[str, np.ndarray], drive: Drive, settings: Settings) -> bool:
+    """Whether all rows are the same window under the same hypothesis, as when one output after the other is pushed."""
+    past = () if drive.past is None else vars(drive.past).values()
+    given = [v for v in (*start.values(), *vars(drive).values(), *past) if isinstance(v, np.ndarray)]
+    return len(settings.distinct()[0]) == 1 and all(bool((v == v[:1]).all()) for v in given)
 
 
 def _name(channel: str) -> str:

@@ -55,7 +55,7 @@ def _corrected(residual: Residual) -> Replay:
     def replayed(
         base: Robot, start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
     ) -> Mapping[str, np.ndarray]:
-        if not residual.output_scale.any():
+        if not residual.acts:
             return base.replay(start, drive, settings, wanted)
         return form.roll(base, residual, residual.step, start, drive, settings, wanted).nodes
 

@@ -71,6 +71,11 @@ class Residual:
         """What the network sees of inputs z (..., inputs) in physical units."""
         return np.asarray(np.clip((z - self.input_mean) / self.input_scale, -self.limit, self.limit))
 
+    @property
+    def acts(self) -> bool:
+        """Whether any output is switched on."""
+        return bool(self.output_scale.any())
+
     def with_theta(self, theta: np.ndarray) -> "Residual":
         """The same residual with other weights (net.size,)."""
         return replace(self, theta=theta)
@@ -79,6 +84,10 @@ class Residual:
         """The same residual with these outputs switched off."""
         off = np.array([o in names for o in self.outputs])
         return replace(self, output_scale=np.where(off, 0.0, self.output_scale))
+
+    def switched_off(self) -> "Residual":
+        """The same residual with all of its outputs switched off: the model is the one without it."""
+        return self.without(self.outputs)
 
 
 def to_json(residual: Residual) -> dict[str, Any]:

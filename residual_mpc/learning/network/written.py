@@ -10,8 +10,14 @@ def residual_in(written: Written, last: bool = False) -> Residual | None:
 
     Raises BadInput for neither a model nor a diagnosis, and for a residual that cannot be read.
     """
-    found = model_content(written).get("last_residual" if last else KEY)
+    found = model_content(written).get(f"last_{KEY}" if last else KEY)
     return None if found is None else from_json(found, written.where)
+
+
+def kept_nothing(written: Written) -> bool:
+    """Whether `learn` wrote it and kept nothing of what it learned. Raises BadInput as `residual_in`."""
+    model = model_content(written)
+    return "case" in model and f"last_{KEY}" in model and model[f"last_{KEY}"] is None
 
 
 def residual_for(written: Written, robot: str) -> Residual | None:
