@@ -66,9 +66,9 @@ class Lqr:
         return LqrState(0, np.clip(self.model.hold(self.x[0]), *self.limits.box(self.model.nu)))
 
     def step(self, state: LqrState, x: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, LqrState, MpcInfo]:
-        """Command (nu,) from the estimate x (nx,). Of `reference` nothing is read: the trajectory was planned ahead.
+        """Command (nu,) from the estimate x (nx,). `reference` is not used: the trajectory was planned ahead.
 
-        Raises BadInput for an estimate of another shape.
+        Raises BadInput if the estimate has the wrong shape.
         """
         import time
 

@@ -94,7 +94,7 @@ class Mpc:
     def step(self, state: PlanState, x: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, PlanState, MpcInfo]:
         """Command (nu,) from the estimated state x (nx,) and the outputs wanted at the next N samples (N, ny).
 
-        Raises BadInput for arrays of other shapes.
+        Raises BadInput for arrays of the wrong shape.
         """
         begin = time.perf_counter()
         if np.shape(x) != (self.model.nx,) or np.shape(reference) != (self.horizon, len(self.model.stepped.tracked)):
@@ -105,7 +105,7 @@ class Mpc:
         cost = float("nan")
         if np.isfinite(x).all() and np.isfinite(reference).all():
             for _ in range(self.settings.iterations if state.samples else self.settings.first):
-                with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is found below
+                with np.errstate(over="ignore", invalid="ignore"):  # values that are not finite are caught below
                     qp, soft = self._program(x, plan, state.sent, reference)
                 if not (np.isfinite(qp.H).all() and np.isfinite(qp.g).all()):
                     break
@@ -126,7 +126,7 @@ class Mpc:
         return command, PlanState(plan, command, state.samples + 1, failures, state.engine), info
 
     def _misshapen(self, x: tuple[int, ...], reference: tuple[int, ...]) -> BadInput:
-        """The error for a state or a reference of these shapes."""
+        """The error for a state or a reference of the wrong shape."""
         at = self.model.stepped
         if x != (self.model.nx,):
             return BadInput(

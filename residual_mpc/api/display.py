@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def brief(result: object, words: str) -> str:
-    """One line for a Python prompt: what it is, and the first line of its words."""
+    """One line for a Python prompt: the type of the result and the first line of its text."""
     return f"<{type(result).__name__}: {words.splitlines()[0] if words else 'empty'}>"
 
 

@@ -10,7 +10,7 @@ from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs, usable
 from residual_mpc.errors import BadInput
 
-LONGEST_STEP = 0.5  # s, of a model for a controller, as on the command line
+LONGEST_STEP = 0.5  # s, of a model for a controller; the same limit as on the command line
 
 
 def check_robot(robot: Any) -> None:
@@ -37,7 +37,7 @@ def check_seconds(seconds: Any, where: str) -> None:
 
 
 def check_time_step(dt: Any) -> None:
-    """Raises BadInput unless the time step of a model is a positive number of seconds, as long as controllers use."""
+    """Raises BadInput unless the time step of a model is positive and at most `LONGEST_STEP`."""
     if not (isinstance(dt, int | float | np.number) and 0.0 < dt < np.inf):
         raise BadInput(f"the time step must be a positive number of seconds, got {dt!r}", "dt", "give it in seconds")
     if dt > LONGEST_STEP:

@@ -117,7 +117,7 @@ def learn(
     Args:
         on: a diagnosis, or its file, whose effects the network comes on top of.
         case: which model learns from which, see `CASES`.
-        warm_start: what the case before learned, or its file; none for the first case.
+        warm_start: the result of the previous case, or its file; None for the first case.
         form: "body", "paper" or "joint": which velocities are corrected, from what; None for the robot's usual one.
         hidden: nodes of the hidden layers.
         method: "ukf", "ekf" or "auto".
@@ -129,7 +129,7 @@ def learn(
 
     Raises:
         BadInput: runs with too little to learn from, a diagnosis or residual of another robot, a model to learn on that
-            has a network already, a residual to begin the first case with, or a form that the robot cannot have.
+            has a network already, a warm start of the first case, or a form that the robot cannot have.
     """
     check_given(robot, runs)
     folder = None if out is None else Path(out)
@@ -171,8 +171,8 @@ def _task(
         raise BadInput(f"unknown case {case!r}", "`case`", f"give one of {', '.join(CASES)}")
     if case == FIRST_CASE and warm_start is not None:
         raise BadInput(
-            f"the case {case!r} starts from nothing and takes no `warm_start`", "`case`",
-            "leave `warm_start` out, or give the case that comes after that residual's: real-to-dyn or real-to-sim",
+            f"the case {case!r} starts without an earlier residual and takes no `warm_start`", "`case`",
+            "leave `warm_start` out, or give a later case than that of the residual: real-to-dyn or real-to-sim",
         )  # fmt: skip
     if form is not None:
         check_form(form, runs.models[0])

@@ -41,7 +41,7 @@ from residual_mpc.errors import BadInput
 @click.option(
     "--warm-start",
     type=click.Path(path_type=Path),
-    help="Start from the residual in the model.json of the previous case; sim-to-dyn starts from nothing.",
+    help="Start from the residual in the model.json of the previous case; not allowed for sim-to-dyn.",
 )
 @click.option(
     "--form",
@@ -105,7 +105,7 @@ def learn(
 
 @contextmanager
 def _told_how_to_continue(out: Path) -> Iterator[None]:
-    """Where Ctrl-C stops the learning, say that the same command goes on from the checkpoint."""
+    """If Ctrl-C stops the training, say that the same command continues from the checkpoint."""
     try:
         yield
     except KeyboardInterrupt:

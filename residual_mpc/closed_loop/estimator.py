@@ -21,7 +21,7 @@ from residual_mpc.export.compiled import Buffered, buffered, compiled, compiler
 from residual_mpc.models.sensing import SINCE_START, Curve, sensor_value, swing_of
 
 AGES: tuple[Quantity, ...] = ("reading delay", "reading lag")
-LOST = 1e12  # variance of any state, its unit squared: the model has run away, and the belief says nothing any more
+LOST = 1e12  # variance of any state, in its unit squared, above which the model has diverged and the belief is useless
 SMALL = 15_000  # instructions, beyond which compiling takes longer than an estimator with one call per sample saves
 
 
@@ -131,8 +131,8 @@ class Filter:
             return new, A @ P @ A.T + self.Q
 
     def _restarted(self, reading: Reading, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The state at rest where the sensors see the robot, for a model that has run away, as one without joint stops
-        does where the robot stands at one. What they do not see now is where the robot started."""
+        """The state at rest at the measured pose, for a model that has diverged, as a model without joint stops does if
+        the robot is at a stop. Channels without a measurement now are taken from the start."""
         y = self._pose(reading, origin)
         at = np.where(np.isfinite(y), y, origin)
         return self._at_rest(dict(zip(self.model.stepped.poses, at.tolist(), strict=True)))

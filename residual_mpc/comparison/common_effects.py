@@ -18,7 +18,7 @@ def with_common_effects(problem: Problem, values: Values, units: Units, settings
 
     The account is searched on the runs before. What their motions do not excite is missing from it or stands under
     another name (behind smooth commands, a dead time acts like viscous friction), and in other motions after the change
-    it looks like a change. So does a lag that has passed for a delay, once the delay changes.
+    it looks like a change. So does a lag that was mistaken for a delay, once the delay changes.
     """
     tuned, fits, space = settings.account, settings.results.fit, problem.space
     common = tuple(t._replace(changed=False) for t in space.candidates)

@@ -119,8 +119,8 @@ def _compared(
 def _searched(
     problem: Problem, account: Values, units: Units, settings: ComparisonSettings, start: FoundChanges | None
 ) -> FoundChanges:
-    """Changes one by one, exchanges of two, and what further changes are found beside those; and all of that again
-    where, beside the changes, both sets show further effects."""
+    """Search for changes one by one, exchange pairs, and search for further changes beside those; repeat all of it if
+    both sets show further effects beside the changes."""
     found = _with_exchanges(problem, account, units, settings, start)
     if not found.changes or start is not None:
         return found

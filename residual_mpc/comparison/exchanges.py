@@ -1,9 +1,9 @@
 """Two changes in place of two others.
 
-Forward steps that begin with the wrong change make up for it with a second wrong one, and exchanging one of them alone
-does not help: beside a wrong partner, neither right one fits. Two are therefore taken out at once. One Gauss-Newton
-step along every two directions (Nocedal and Wright 2006, eq. 10.23) predicts what other two leave, and the best
-are fitted.
+A forward search that begins with the wrong change compensates for it with a second wrong one, and exchanging only one
+does not help: neither of the right changes fits beside a wrong partner. Pairs are therefore removed together. For
+every other pair, one Gauss-Newton step along both directions (Nocedal and Wright 2006, eq. 10.23) predicts the cost
+that remains, and the best pairs are fitted.
 """
 
 from collections.abc import Sequence
@@ -22,14 +22,14 @@ from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.models.settings import Knob, Term, Values
 
 ROWS = 48  # hypotheses replayed at once, to limit memory use
-PARALLEL = 1e-4  # 1 - squared cosine of two directions below which they are one
+PARALLEL = 1e-4  # 1 - squared cosine of two directions, below which they count as one
 TINY = 1e-30
 
 
 @dataclass(frozen=True)
 class Exchange:
-    """gone: the changes that are taken out, and the values without them; probes: those that take their places, with the
-    factors `doses` by which the step multiplies them; cost: what the step predicts."""
+    """gone: the removed changes; base: the values without them; probes: the changes that replace them, of the terms
+    `terms`, with the factors `doses` by which the step scales them; cost: the cost that the step predicts."""
 
     gone: frozenset[Term]
     base: Values
@@ -40,7 +40,7 @@ class Exchange:
 
 
 def exchanged(problem: Problem, found: FoundChanges, units: Units, settings: ComparisonSettings) -> FoundChanges:
-    """The changes, of which two are exchanged for two others as long as that explains more by what a change has to."""
+    """The changes, two exchanged for two others as long as that explains more by at least `settings.search.needed`."""
     for _ in range(settings.search.most):
         better = _exchanged_once(problem, found, units, settings) if len(found.changes) > 1 else None
         if better is None:
@@ -68,8 +68,8 @@ def _exchanged_once(
 
 
 def _in_their_places(found: FoundChanges, exchange: Exchange) -> tuple[FoundChange, ...]:
-    """The changes with the new ones, each as significant as the less significant of those that it stands for: what the
-    two explain together is the same difference."""
+    """The changes with the new pair, each as significant as the less significant of the two that it replaces: both
+    pairs explain the same difference."""
     gone = [c for c in found.changes if c.term in exchange.gone]
     kept = [c for c in found.changes if c.term not in exchange.gone]
     p, by_fit = max(c.p for c in gone), max(c.by_fit for c in gone)
@@ -78,7 +78,7 @@ def _in_their_places(found: FoundChanges, exchange: Exchange) -> tuple[FoundChan
 
 
 def _predicted_best(problem: Problem, found: FoundChanges, settings: ComparisonSettings) -> list[Exchange]:
-    """The exchanges that may explain more, those of the least predicted cost first."""
+    """The exchanges that may explain more, in order of increasing predicted cost."""
     probes = probes_of(problem, found.fit)
     moves = _moves(problem, found.fit, [probe for _, probe in probes])
     out = []
@@ -90,7 +90,7 @@ def _predicted_best(problem: Problem, found: FoundChanges, settings: ComparisonS
 def _without_two(
     problem: Problem, found: FoundChanges, settings: ComparisonSettings
 ) -> list[tuple[frozenset[Term], Fit]]:
-    """Every two of the changes, and the fit without them."""
+    """Every pair of changes, and the fit without it."""
     twos = list(combinations((c.term for c in found.changes), 2))
     starts = [without_change(without_change(found.fit.values, a), b) for a, b in twos]
     fits = fit_all(problem, starts, near=[found.fit] * len(starts), fresh=[frozenset[Knob]()] * len(starts),
@@ -99,7 +99,7 @@ def _without_two(
 
 
 def _moves(problem: Problem, fit: Fit, probes: Sequence[Values]) -> np.ndarray:
-    """(N, W n) by how much each change moves the residuals of a fit, in single precision to save memory."""
+    """(N, W n) how much each change alters the residuals of a fit, in single precision to save memory."""
     out = np.zeros((len(probes), fit.r.size), dtype=np.float32)
     for a in range(0, len(probes), ROWS):
         moved = problem.residuals([{**fit.values, **probe} for probe in probes[a : a + ROWS]])
@@ -116,8 +116,8 @@ def _exchanges(
     moves: np.ndarray,
     most: float,
 ) -> list[Exchange]:
-    """For every two changes that may join what is left, their best probes, if a step along both, beside all that is
-    free in `rest`, predicts a cost of at most `most`."""
+    """The best probes of every pair of changes that may join `rest`, if a step along both, together with all numbers
+    that are free in `rest`, predicts a cost of at most `most`."""
     left, free = rest.r.ravel(), np.linalg.qr(rest.jacobian.reshape(rest.r.size, -1))[0]
     along = moves @ free
     gram = moves @ moves.T - along @ along.T

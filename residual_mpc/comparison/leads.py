@@ -54,7 +54,7 @@ def with_change(problem: Problem, values: Values, lead: Contrast) -> Values:
 
 
 def scaled_probe(problem: Problem, probe: Values, dose: float) -> Values:
-    """A probe of a change, its distance from doing nothing multiplied by `dose` where it has one."""
+    """A probe of a change, with its distance from the null value multiplied by `dose` where it has one."""
     out = {}
     for knob, value in probe.items():
         p = BY_NAME[knob.effect].parameter(knob.parameter)
@@ -63,7 +63,7 @@ def scaled_probe(problem: Problem, probe: Values, dose: float) -> Values:
 
 
 def _is_scaled(p: Parameter) -> bool:
-    """Whether a number of an effect grows with its dose."""
+    """Whether a parameter of an effect scales with its dose."""
     return not p.shape and bool(np.isfinite(p.null)) and not p.threshold
 
 

@@ -66,8 +66,8 @@ def may_be_none(
     problem: Problem, fit: Fit, change: FoundChange, rivals: ChangeRivals, spread: Spread, settings: ComparisonSettings
 ) -> bool:
     """Whether every interval of a change includes "unchanged" and the change is either faint, explaining next to
-    nothing of what all explain, or not significant enough for one without a size, by its own test or by its fit: two
-    sets of the same robot now and then differ at the level of a change, but then seldom by a size as well."""
+    nothing of what all explain, or not significant enough for a change of unknown size, by its own test or by its fit:
+    two sets of the same robot occasionally differ at the level of a change, but then rarely by a definite size."""
     doubted = min(change.p, change.by_fit) > settings.contrast.unsized
     if rivals.parts.get(change.term, 1.0) >= settings.faint and not doubted:
         return False

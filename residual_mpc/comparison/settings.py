@@ -11,8 +11,8 @@ class ContrastSettings:
     """unit: s, the shortest stretch of a run that counts as one observation; units: number of stretches into which a
     set is cut if it has fewer runs; fewest: number of stretches that a set must have. level: probability of a false
     change, over all hypotheses together; of_size: share of it for the sizes of the residuals; left: the same for a
-    difference beyond the named changes; unsized: for a change whose intervals all include none; outliers: for a share
-    of outliers. of_runs: the smallest p that the divisions of the runs can give has to be at most this for what a
+    difference beyond the named changes; unsized: for a change whose intervals all include "unchanged"; outliers: for a
+    share of outliers. of_runs: the smallest p that the divisions of the runs can give has to be at most this for what a
     change explains in them to be tested; of_differences: the same for the differences. lots: maximum number of
     divisions that are tried; run_lots: the same where the runs' scatter is measured in each; labellings: number of ways
     to divide the runs, below which stretches are divided; divisions: number of ways to divide the stretches, below
@@ -71,8 +71,8 @@ class ChangeSearchSettings:
     likelihood ratio below which two sets of changes are not distinguished, if the rival explains at least the share
     `resembles` of what the change explains; hardly: the same for two effects that imitate each other: what neither
     explains may favour either; equal: likelihood ratio below which the first in the contract's table is
-    preferred; exchanges: two others in place of two changes are fitted if a Gauss-Newton step predicts a cost of at
-    most this times that of the changes; rivals: number of rivals that are compared with a change beside the same model
+    preferred; exchanges: a pair is fitted in place of two changes if a Gauss-Newton step predicts a cost of at most
+    this times that of the changes; rivals: number of rivals that are compared with a change beside the same model
     errors; far_worse: ratio of the residuals of every later run to those of every run before, above which a search that
     found nothing begins again from the model of the runs before; dominant: share of the cost that a single change has
     to remove for its fit to speak for it where no test is significant. steps: simulation steps that one hypothesis may

@@ -18,8 +18,8 @@ from residual_mpc.models.protocol import Drive, Robot
 Step = Callable[[np.ndarray, np.ndarray], np.ndarray]  # x (n, nx), u (n, nu) -> x+ (n, nx)
 NETWORK_UNIT = "in the units of the network's outputs"
 PREFACE = 4.0  # s of steady motion: it fills every memory, and puts play on a known stop
-# m or rad: no arm, servo or effect that was tried leaves its replay by more within a move (docs/results/control.md has
-# the figures), so that a step beyond it has something in it that it models otherwise
+# m or rad: for no arm, servo or effect tested does the step deviate from the replay by more within a move (figures in
+# docs/results/control.md), so that a larger deviation means that the step models something differently
 USUAL = 0.008
 BEYOND = 1.5  # times the limit of a network's inputs: the export has to hold them where the learned network does
 
@@ -72,7 +72,7 @@ def agreement(model: Augmented, step: Step, rng: np.random.Generator, sampling: 
 
 
 def far_from_replay(apart: Agreement, model: Augmented) -> list[str]:
-    """What a user has to know of a step that is farther from the replay than steps usually are."""
+    """Warnings about a step that deviates from the replay by more than steps usually do."""
     if not apart.replay > USUAL:
         return []
     unit = position_unit(model.robot)

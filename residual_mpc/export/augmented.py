@@ -86,9 +86,9 @@ class Augmented:
         return self.stepped.step(kinks(ops, smooth), x, u, p[:n], add)
 
     def start(self, pose: Mapping[str, float] | None = None) -> np.ndarray:
-        """(nx,) the robot at rest at a pose by channel; what is not named is 0 (of a fixed robot: as at home).
+        """(nx,) the robot at rest at a pose by channel; channels that are not named are 0 (fixed robot: as at home).
 
-        Raises BadInput for a name that is none of the poses, and a value that is not finite.
+        Raises BadInput for a name that is not one of the poses, and for a value that is not finite.
         """
         for name, value in (pose or {}).items():
             if name not in self.stepped.poses:
@@ -98,7 +98,7 @@ class Augmented:
         return self.at_rest(pose or {})
 
     def at_rest(self, pose: Mapping[str, float]) -> np.ndarray:
-        """(nx,) as `start`, of a reading, which may have other channels and NaN."""
+        """(nx,) as `start`, for a reading, which may contain other channels and NaN."""
         if self.stepped.resting is not None:
             return self.stepped.resting(pose)
         x = self.stepped.rest.copy()

@@ -14,7 +14,7 @@ from residual_mpc.errors import BadInput
 from residual_mpc.learning.network.mlp import Mlp, layers
 from residual_mpc.learning.network.residual import Residual
 
-FIRST_CASE = "sim-to-dyn"  # begins from no residual
+FIRST_CASE = "sim-to-dyn"  # starts without an earlier residual
 CASES = (FIRST_CASE, "real-to-dyn", "real-to-sim")
 ALIKE = 0.1  # of a step: two models replay on different grids, of which a step is a whole number of steps
 

@@ -6,8 +6,8 @@ and their stamps say when. The samples themselves tell the two apart: at the rig
 its four neighbours. In between, both vary, and the best guess of a sample's time is an even clock plus the share of the
 stamp's deviation that belongs to the sampling.
 
-A joint that follows its command at once shows what was commanded at the stamp before. Its samples lie on a smooth curve
-over the stamps of the rows before them, and these stamps are right.
+A joint that follows its command at once shows the position commanded at the previous stamp. Its samples lie on a smooth
+curve over the stamps of the previous rows, and the stamps are right.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class StampTest:
         likelihood: (S,) log-likelihood of each of SHARES, less that of the stamps as logged.
         error: (S,) mean square error of the cubics over that at the stamps as logged, of the channel where it falls
             most.
-        before: log-likelihood of the stamps of the rows before, less that of the stamps as logged.
+        before: log-likelihood of the stamps of the previous rows, less that of the stamps as logged.
     """
 
     even: FloatArray

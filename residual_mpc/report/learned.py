@@ -36,7 +36,7 @@ def learned_sentence(document: Document) -> str:
     gap = document["gap"]
     where = "held-out data" if gap["on"] == "held_out" else "the data that it was trained on"
     if document.get("kept") is False:
-        return f"Nothing was kept of what was learned: {why_nothing(document)}."
+        return f"Nothing that was learned was kept: {why_nothing(document)}."
     if not helps(document):
         return f"The learned residual does not make the gap smaller on {where}, so the model is better without it."
     change = percent(1.0 - gap["after"] / gap["before"])
@@ -72,8 +72,8 @@ def _floor(document: Document) -> str:
     floor = gap.get("noise_floor")
     if floor is None:
         return ""
-    said = f"Sensor noise alone makes a gap of {number(floor)} (noise floor); without the network it is "
-    said += f"{number(gap['before'])}, with it {number(gap['after'])}."
+    said = f"Sensor noise alone causes a gap of {number(floor)} (noise floor). The gap is {number(gap['before'])} "
+    said += f"without the network and {number(gap['after'])} with it."
     at = at_the_floor(document)
     return f"{said} {at}." if at else said
 

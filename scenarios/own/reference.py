@@ -24,8 +24,8 @@ class Waypoints:
     monotone cubic; the last value is held.
 
     beyond: s at the end that only the controllers' preview uses. file: the table that they were read from, empty
-    without one. Raises BadInput for values that are not finite or not a row a stamp and a column a name, and for stamps
-    that do not increase.
+    without one. Raises BadInput for values that are not finite or do not have one row per stamp and one column per
+    name, and for stamps that do not increase.
     """
 
     names: tuple[str, ...]
@@ -56,7 +56,7 @@ class Waypoints:
         return self.file or "`reference`"
 
     def row(self, k: int) -> str:
-        """Where row k stands and when it is, for messages."""
+        """The place and time of row k, for messages."""
         place = f"line {k + 2}" if self.file else f"row {k}"
         return f"{place}, {self.t[k]:.4g} s after the start,"
 

@@ -1,4 +1,4 @@
-"""Whether a reference can be meant as it is: units, and what the robot can follow, before anything long starts."""
+"""Whether a reference is plausible: its units, and whether the robot can follow it, before any long computation."""
 
 import numpy as np
 
@@ -10,23 +10,23 @@ from scenarios.own.demands import SLACK, fastest_wheel, joint_ranges
 from scenarios.own.reference import Waypoints
 
 TURN = 2.0 * np.pi  # rad
-OUTSIDE = 0.1  # of a joint's range: a path that leaves it by more is of another robot, or in other units
+OUTSIDE = 0.1  # of a joint's range: a path that exceeds it by more is for another robot, or in other units
 SPARSE, LONG, HOURS = 1.0, 600.0, 3600.0  # s: between stamps, and lengths of a path, beyond which t may be in ms
 LOOK = 0.2  # s over which speeds are taken: in less, the noise of a recorded path outweighs its motion
-FAST, IMPOSSIBLE = 5.0, 50.0  # m/s: few robots on two wheels do more than 3, none the other
-SLOW_IN_MM = 20.0  # m/s of most of a path, which is a slow robot's speed if x and y are in mm
+FAST, IMPOSSIBLE = 5.0, 50.0  # m/s: few robots on two wheels exceed 3, and none reaches IMPOSSIBLE
+SLOW_IN_MM = 20.0  # m/s, over most of a path: a slow robot's speed if x and y are in mm
 SPINNING = 20.0  # rad/s, three turns a second
-# shares of the motion, as in the audit of logs: along the heading, below which the two contradict each other, and with
-# the heading in degrees, from which on that is the reason
+# shares of the motion along the heading, as in the audit of logs: below ALONG, the two contradict each other; above
+# THEN with the heading in degrees, that is the reason
 ALONG, THEN = 0.7, 0.9
 FAR = 0.1  # m, below which a path has no direction of travel
 
 
 def audit_reference(reference: Waypoints, model: Augmented, dt: float, limit: float | None = None) -> list[str]:
-    """What is doubtful about a reference of what the model tracks, a sentence each; dt: s between samples; limit: rad/s
-    that a wheel may be commanded, None where nothing states it.
+    """What is doubtful about a reference for the channels that the model tracks, one sentence each; dt: s between
+    samples; limit: rad/s that a wheel may be commanded, None if not stated.
 
-    Raises BadInput for a reference that cannot be meant: stamps in ms, joints far outside their ranges, angles in
+    Raises BadInput for an implausible reference: stamps in ms, joints far outside their ranges, angles in
     degrees, a path in mm.
     """
     doubts = [*_clock(reference, dt), *_joints(reference, model)]
@@ -36,20 +36,20 @@ def audit_reference(reference: Waypoints, model: Augmented, dt: float, limit: fl
 
 
 def wheel_limit(model: Augmented) -> float | None:
-    """rad/s, the least that the robot or a number of its model limits a wheel to; None without a limit."""
+    """rad/s, the lowest wheel speed limit of the robot or of a parameter of its model; None without a limit."""
     limits = [max(-low, high) for low, high in optional.command_limits(model.robot).values()]
     limits += [n.value for n in model.stepped.numbers if n.effect in BY_NAME and BY_NAME[n.effect].place == "limit"]
     return min((x for x in limits if np.isfinite(x)), default=None)
 
 
 def _clock(reference: Waypoints, dt: float) -> list[str]:
-    """Stamps in other units than seconds. Raises BadInput where they are that far apart for that long."""
+    """Stamps in units other than seconds. Raises BadInput if they are too far apart over too long a time."""
     apart, seconds = float(np.median(np.diff(reference.t))), reference.seconds
     if apart >= SPARSE and seconds > LONG:
         raise BadInput(
             f"t goes from 0 to {seconds:.6g} s in steps of {apart:.4g} s, {seconds / dt:.0f} samples of {dt:.3g} s: "
             "milliseconds?", reference.where,
-            "give t in seconds; for a path that does take that long, waypoints less than 1 s apart",
+            "give t in seconds; if the path does take that long, give waypoints less than 1 s apart",
         )  # fmt: skip
     if seconds > HOURS:
         return [f"it lasts {seconds / HOURS:.1f} h, {seconds / dt:.0f} samples of {dt:.3g} s for each controller"]
@@ -57,7 +57,7 @@ def _clock(reference: Waypoints, dt: float) -> list[str]:
 
 
 def _joints(reference: Waypoints, model: Augmented) -> list[str]:
-    """Joints without a range that make several turns. Raises BadInput for a joint that leaves its range by far."""
+    """Joints without a range that make several turns. Raises BadInput for a joint far outside its range."""
     ranges, sliding = joint_ranges(model), {f"position.{j}" for j in optional.sliding(model.robot)}
     doubts = []
     for name, values in zip(reference.names, reference.values.T, strict=True):
@@ -85,7 +85,7 @@ def _outside(
         f"joint's range of {low:.4g} to {high:.4g} {unit}"
     )
     if slides and abs(far) > 10.0 * max(abs(low), abs(high)) and low <= 1e-3 * far <= high:
-        return BadInput(f"{said}: millimetres?", reference.where, "give the positions of joints that slide in m")
+        return BadInput(f"{said}: millimetres?", reference.where, "give the positions of sliding joints in m")
     if not slides and abs(far) > TURN and _fit_in_degrees(reference, ranges):
         return BadInput(f"{said}: degrees?", reference.where, "give positions in rad")
     return BadInput(said, reference.where, "keep the path within the range, or correct the range in the robot's model")
@@ -133,14 +133,14 @@ def _heading(reference: Waypoints) -> list[str]:
 
 
 def _speeds(reference: Waypoints, model: Augmented, dt: float, limit: float | None) -> list[str]:
-    """Speeds that are hardly those of the robot. Raises BadInput where most of the path is impossible."""
+    """Speeds that the robot can hardly reach. Raises BadInput if most of the path is impossible."""
     t, _, rate, _ = _moving(reference)
     speed, turn = np.hypot(rate[:, 0], rate[:, 1]), np.abs(rate[:, 2])
     usual, k = float(np.median(speed[speed > 0.0])) if speed.any() else 0.0, int(speed.argmax())
     wheel = fastest_wheel({"nominal": model}, reference, dt) or 0.0
     if usual > IMPOSSIBLE:
         raise BadInput(
-            f"the path needs {usual:.3g} m/s, and wheels of up to {wheel:.0f} rad/s: millimetres?", reference.where,
+            f"the path needs {usual:.3g} m/s, and wheel speeds up to {wheel:.0f} rad/s: millimetres?", reference.where,
             "give pose.x and pose.y in m",
         )  # fmt: skip
     doubts = []
@@ -148,7 +148,7 @@ def _speeds(reference: Waypoints, model: Augmented, dt: float, limit: float | No
         unit = ": pose.x and pose.y may be in mm" if usual > SLOW_IN_MM else ""
         doubts.append(f"the path needs {speed[k]:.3g} m/s at {t[k]:.3g} s, and wheels of {wheel:.0f} rad/s{unit}")
     elif limit is not None and wheel > limit:
-        doubts.append(f"the path needs wheels of {wheel:.3g} rad/s, which are limited to {limit:.3g} rad/s")
+        doubts.append(f"the path needs wheel speeds of {wheel:.3g} rad/s, which are limited to {limit:.3g} rad/s")
     k = int(turn.argmax())
     if turn[k] > SPINNING:
         doubts.append(f"pose.theta turns at {turn[k]:.3g} rad/s at {t[k]:.3g} s: it may be in degrees")

@@ -142,7 +142,7 @@ class OwnScenario:
         return OwnRun(comparison, nominal.stepped.tracked, models["augmented"], reference, settings, doubts)
 
     def _doubts(self, reference: Waypoints, models: Mapping[str, Augmented]) -> tuple[str, ...]:
-        """What is doubtful about the reference, which is warned of before anything is driven."""
+        """What is doubtful about the reference; warns of it before anything is driven."""
         limits = [wheel_limit(models["augmented"])]
         if self.settings is not None:
             limits.append(float(np.abs(np.hstack([self.settings.limits.lower, self.settings.limits.upper])).max()))

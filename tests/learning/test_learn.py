@@ -209,7 +209,7 @@ def test_bad_input_is_one_message(folder, learned, capsys):
         (("learn", "--robot", robot, *files, "--out", out, "--warm-start", bare), "no learned residual"),
         (("learn", "--robot", robot, *files, "--out", out, "--warm-start", joint), "a, b, c"),
         (("learn", "--robot", robot, *files, "--out", out, "--on", folder / "none.json"), "none.json"),
-        (("learn", "--robot", robot, *files, "--out", out, "--warm-start", model, "--case", "sim-to-dyn"), "nothing"),
+        (("learn", "--robot", robot, *files, "--out", out, "--warm-start", model, "--case", "sim-to-dyn"), "without"),
         (("learn", "--robot", robot, *files, "--out", out, "--hidden", "ten"), "ten"),
         (("learn", "--robot", robot, *files, "--out", out, "--weights", "pose.theta"), "pose.theta"),
         (("learn", "--robot", robot, *files, "--out", out, "--weights", "pose.z=2"), "pose.x"),
@@ -258,7 +258,7 @@ def test_a_model_at_the_noise_floor_has_nothing_to_learn(tmp_path: Path) -> None
     assert found.gap["at_noise_floor"]["before"] and found.gap["after"] <= found.gap["before"]
     found.document["kept"], found.document["chosen_pass"] = False, 0
     said = "\n".join(found.lines())
-    assert "nothing was kept" in said and "nothing is left to learn" in said and "passes" not in said
+    assert "nothing that was learned was kept" in said and "nothing is left to learn" in said and "passes" not in said
     assert "learn on top of it" not in said  # it is learned on a diagnosis, which names nothing
     found.document["gap"] |= {"before": 10.0 * floor, "after": 10.0 * floor, "at_noise_floor": {"before": False}}
     assert "try more passes" in "\n".join(found.lines())

@@ -43,15 +43,15 @@ def test_of_an_untrained_network_nothing_is_kept(
     assert found.document["chosen_pass"] == 0 and found.document["kept"] is False
     assert all(g["after"] == g["before"] for g in (found.gap, *found.gap["channels"].values()))
     said = str(found)
-    assert "nothing was kept" in said and "converged" not in said and "try more passes" in said
-    assert "Nothing was kept" in (tmp_path / "d1" / "report.html").read_text()
+    assert "nothing that was learned was kept" in said and "converged" not in said and "try more passes" in said
+    assert "Nothing that was learned was kept" in (tmp_path / "d1" / "report.html").read_text()
     model = json.loads((tmp_path / "d1" / "model.json").read_text())
     assert model["residual"] is None and model["last_residual"] is None
     robot, runs = rover
     assert not any(n.startswith("theta.") for n in rm.augment(robot, tmp_path / "d1" / "model.json").parameters)
     assert rm.augment(robot, None, found).augmented.residual is None, "what kept nothing is given like a network"
     again = rm.learn(robot, runs, warm_start=tmp_path / "d1" / "model.json", passes=1)
-    assert "the case before kept nothing" in str(again) and again.document["condition"] is None
+    assert "the previous case kept nothing" in str(again) and again.document["condition"] is None
 
 
 def test_what_is_worse_on_held_out_runs_is_not_kept(rover: tuple[Any, Any], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -64,10 +64,10 @@ def test_what_is_worse_on_held_out_runs_is_not_kept(rover: tuple[Any, Any], monk
     found = rm.learn(*rover, passes=1)
     assert found.document["chosen_pass"] == 1 and found.document["kept"] is False and found.model["residual"] is None
     assert found.gap["after"] == found.gap["before"] and found.document["worse_on_held_out"]
-    assert "nothing was kept of what was learned: the model predicts held-out runs better without it" in str(found)
+    assert "nothing that was learned was kept: the model predicts held-out runs better without it" in str(found)
 
 
 def test_the_first_case_begins_from_nothing(rover: tuple[Any, Any], tmp_path: Path) -> None:
     (tmp_path / "d1.json").write_text("{}")
-    with pytest.raises(rm.BadInput, match="starts from nothing and takes no `warm_start`"):
+    with pytest.raises(rm.BadInput, match="starts without an earlier residual and takes no `warm_start`"):
         rm.learn(*rover, case="sim-to-dyn", warm_start=tmp_path / "d1.json")

@@ -89,7 +89,7 @@ def test_a_network_that_does_not_help_is_not_recommended():
 def test_a_network_of_which_nothing_was_kept():
     gap = {**LEARNED["gap"], "after": 0.2, "noise_floor": 0.05, "at_noise_floor": {"before": False, "after": False}}
     none = {**LEARNED, "gap": gap, "kept": False, "chosen_pass": 0}
-    assert learned_sentence(none).startswith("Nothing was kept of what was learned: no pass over the data")
+    assert learned_sentence(none).startswith("Nothing that was learned was kept: no pass over the data")
     assert "the model predicts held-out runs better" in learned_sentence({**none, "chosen_pass": 1})
 
 
@@ -119,7 +119,7 @@ def test_what_became_of_the_earlier_residual_is_said_in_words(holds, kept, said)
                 "condition": condition}  # fmt: skip
     words = f"{said}: the measured and the predicted velocities differ by 0.149 on average with it, by 0.18 without it"
     assert f"the earlier residual {words}" in "\n".join(learned_lines(document))
-    assert f"The residual of the case before {words}" in Page(learned_page(document, "rover")).text
+    assert f"The residual of the previous case {words}" in Page(learned_page(document, "rover")).text
 
 
 def test_a_norm_that_hardly_falls_has_not_converged():

@@ -79,7 +79,7 @@ def test_what_robots_usually_follow_passes_in_silence(arms_model: Augmented, rov
 @pytest.mark.parametrize(
     ("path", "said"),
     [
-        (eight(1000.0), "and wheels of up to .* rad/s: millimetres\\? Give pose.x and pose.y in m"),
+        (eight(1000.0), "and wheel speeds up to .* rad/s: millimetres\\? Give pose.x and pose.y in m"),
         (eight(turned=180 / np.pi), "if pose.theta is in degrees, 100% is. Give pose.theta in rad"),
         (eight(t=1e3 * T), "0 to 25000 s in steps of 50 s, 500000 samples of 0.05 s: milliseconds\\? Give t in sec"),
     ],
@@ -116,7 +116,7 @@ def test_wheels_are_held_against_the_limits_that_are_known(tmp_path: Path, rover
     limited = rm.augment(rm.load_robot("diff_drive"), tmp_path / "model.json", dt=0.05).augmented
     assert wheel_limit(limited) == 9.0
     (doubt,) = audit_reference(eight(), rover, 0.05, 9.0)
-    assert doubt.startswith("the path needs wheels of 1") and doubt.endswith("which are limited to 9 rad/s")
+    assert doubt.startswith("the path needs wheel speeds of 1") and doubt.endswith("which are limited to 9 rad/s")
 
 
 @pytest.mark.parametrize(

@@ -32,8 +32,8 @@ def why_no_gravcomp(robot: CompiledRobot, settings: Settings) -> str:
 
 
 def write_gravcomp(spec: "mujoco.MjSpec", robot: CompiledRobot, settings: Settings) -> None:
-    """Write the share of each body's nominal weight that is compensated, by the effect or by the model's own gravcomp:
-    that share times its mass in the file."""
+    """Write the share of each body's weight that is compensated, by the effect or by the model's own gravcomp, so that
+    the compensated weight is that of the mass in the file."""
     share, model = changes(settings.effects, "compensated gravity"), robot.model
     if share is None and not unknown_weight(robot, settings).any():
         return

@@ -1,10 +1,10 @@
 """Torques of a controller that bear the weight of the modelled robot (PD control with gravity compensation: Siciliano
 et al., Robotics: Modelling, Planning and Control, 2009, section 8.5.1).
 
-The share that is an effect adds to the motors' torques. A model may have `gravcomp` instead, an upward force at the
-centre of mass of each body (MuJoCo, XML reference). In MuJoCo it grows with the body's mass and follows its centre.
-What a controller adds does not, since it knows of no payload, mass, length or tilt that the model lacks: in rows that
-have such an effect, `gravcomp` bears the weight of the model as its file has it.
+The effect adds its share to the motors' torques. A model may have `gravcomp` instead, an upward force at the centre of
+mass of each body (MuJoCo, XML reference). In MuJoCo this force grows with the body's mass and follows its centre. The
+force of a controller does not, since the controller knows of no payload, mass, length or tilt that the model lacks. In
+rows that have such an effect, `gravcomp` therefore supports the weight of the model as its file states it.
 """
 
 from collections.abc import Callable
@@ -27,8 +27,8 @@ UNKNOWN: tuple[Quantity, ...] = (
 
 @dataclass(frozen=True, eq=False)
 class Compensation:
-    """share (B, 1): of the gravity torques, or of the weight that `gravcomp` bears where the model has it; nominal: a
-    batch of the model as its file has it, whatever payload, masses, lengths or tilt the rows have."""
+    """share (B, 1): of the gravity torques, or of the weight that `gravcomp` supports if the model has it; nominal: a
+    batch of the model as its file states it, whatever payload, masses, lengths or tilt the rows have."""
 
     robot: CompiledRobot
     share: np.ndarray
@@ -36,7 +36,7 @@ class Compensation:
 
     @property
     def of_model(self) -> bool:
-        """Whether the model has it: as a force of its own, it acts without motors as well."""
+        """Whether the model itself has `gravcomp`, a separate force that also acts without motors."""
         return bool(self.robot.model.body_gravcomp.any())
 
     def torques(self, q: np.ndarray) -> np.ndarray:
@@ -45,7 +45,7 @@ class Compensation:
         import mujoco
 
         gears, place = self.robot.gears, self.nominal.bind("qpos")
-        weight = self.nominal.bind("qfrc_gravcomp" if self.of_model else "qfrc_bias")  # bound later, it is not filled
+        weight = self.nominal.bind("qfrc_gravcomp" if self.of_model else "qfrc_bias")  # bound later, it stays empty
         place[:] = q
         if gears is not None and self.robot.servo_feedback == "motor":
             place[:, gears.places] = 0.0
@@ -59,10 +59,10 @@ class Compensation:
 
 
 def unknown_weight(robot: CompiledRobot, settings: Settings) -> np.ndarray:
-    """(B,) bool: rows with something heavy, or a tilt, that the model's `gravcomp` does not know of."""
+    """(B,) bool: rows with a mass, a length or a tilt that the model's `gravcomp` does not take into account."""
     rows = np.zeros(settings.rows, dtype=bool)
     model = robot.model
-    if not model.body_gravcomp.any() or model.jnt_actgravcomp.any():  # as an actuator's torque, it has limits
+    if not model.body_gravcomp.any() or model.jnt_actgravcomp.any():  # as an actuator torque, it is limited
         return rows
     for quantity in UNKNOWN:
         change = changes(settings.effects, quantity)
@@ -72,8 +72,9 @@ def unknown_weight(robot: CompiledRobot, settings: Settings) -> np.ndarray:
 
 
 def compensation_of(robot: CompiledRobot, settings: Settings, setting: np.ndarray | None) -> Compensation | None:
-    """What is compensated beside MuJoCo's own `gravcomp` in the rows, of the settings numbered `setting` (B,); None
-    without any."""
+    """The compensation in addition to MuJoCo's own `gravcomp`, by row; None without any.
+
+    setting (B,): the index of each row's settings."""
     import mujoco
     from mujoco.batch import Batch
 

@@ -3,17 +3,17 @@
 M v' + c = T(q, v) - f is integrated as W (v+ - v) = h (T - c) - h^2 K v - h f with W = M + h D + h^2 K, where D_i =
 -dT_i/dv_i and K_i = -dT_i/dq_i: the linearly implicit Euler method (Hairer and Wanner, Solving ODEs II, 1996, section
 IV.7). MuJoCo's `implicitfast` is implicit in D only; the term in K keeps a stiff servo stable at any h. Dry friction
-satisfies |f_i| <= F_i, and f_i = F_i sgn(v+_i) for a moving joint. It is found by projected Gauss-Seidel sweeps over
-the joints on the responses W^-1 to unit impulses, from the friction that would hold every joint (Stewart and Trinkle
-1996 state the complementarity problem). In these a moving joint has the right friction after one sweep, however
-strongly the links couple the joints, where sweeps on W itself converge slowly.
+satisfies |f_i| <= F_i, and f_i = F_i sgn(v+_i) for a moving joint. Projected Gauss-Seidel sweeps over the joints find
+it from the responses W^-1 to unit impulses, starting from the friction that would hold every joint (Stewart and Trinkle
+1996 state the complementarity problem). A moving joint then has the right friction after one sweep, however strongly
+the links couple the joints, whereas sweeps on W itself converge slowly.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-SWEEPS = 5  # over the joints; more than one only for joints that friction holds beside moving ones
+SWEEPS = 5  # over the joints; more than one is needed only where friction holds some joints while others move
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class LinearStep:
         return solved(self.factors, [r - h * f for r, f in zip(self.push, held, strict=True)])
 
     def responses(self) -> list[list[Any]]:
-        """(n, n) W^-1, by joint: the change of the velocities under a unit impulse at it."""
+        """(n, n) W^-1, by joint: the change of the velocities under a unit impulse at that joint."""
         n = len(self.push)
         return [solved(self.factors, [1.0 if j == i else 0.0 for j in range(n)]) for i in range(n)]
 

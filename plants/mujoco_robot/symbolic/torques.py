@@ -256,8 +256,8 @@ class JointTorques:
 
 
 def dry_clip(kinks: Kinks) -> Any:
-    """(x, bound) -> x limited to +-bound, for dry friction. Its derivative is 0 where the bound is, at x = 0 as well:
-    there a joint at rest that has no friction would seem to stick."""
+    """(x, bound) -> x limited to +-bound, for dry friction. Its derivative at the bound is 0, even if the bound is 0:
+    otherwise a joint at rest without friction would seem to stick."""
     if kinks.width > 0.0:
         return lambda x, bound: clip(kinks.rough(1.0), x, -bound, bound)
     ops = kinks.exact

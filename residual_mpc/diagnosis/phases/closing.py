@@ -1,4 +1,4 @@
-"""A further effect that closes a good part of what a finished search leaves."""
+"""A further effect that closes a good part of the gap that a finished search leaves."""
 
 from dataclasses import replace
 
@@ -23,9 +23,10 @@ from residual_mpc.models.settings import Term
 
 
 def closed_anywhere(prepared: Prepared, found: Found, current: Fit, gone: tuple[Term, ...]) -> Found | None:
-    """See `closed_by_one`: on the windows of the search, and else on longer ones, where small differences between two
-    sides add up. The noise there is that of the first look, since what a missing effect leaves over longer windows
-    looks like noise that wanders. The set keeps what the longer windows make redundant: the search's tell the more."""
+    """As `closed_by_one`: on the windows of the search, and otherwise on longer ones, over which small differences
+    between the two sides add up. The noise on these is that of the first look, since the error that a missing effect
+    leaves over longer windows looks like drifting noise. The set keeps effects that the longer windows make redundant,
+    since the windows of the search are more informative about them."""
     phases, settings = prepared.options.phases, prepared.options.settings
     more = closed_by_one(found, current, gone, settings)
     if more is not None:

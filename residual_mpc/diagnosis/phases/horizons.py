@@ -43,7 +43,7 @@ def worth_searching(data: Dataset, gap: Gap, floor: NoiseFloor, options: Options
 
 
 def is_bearable(data: Dataset, phases: PhaseSettings) -> bool:
-    """Whether hypotheses are cheap enough on as many windows as tests need, or on all if these are fewer."""
+    """Whether hypotheses are cheap enough on as many windows as tests need, or on all if there are fewer."""
     return min(phases.blocks, data.count) * data.cost // data.count <= phases.bearable
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from residual_mpc.learning.filter.kalman import Belief
 
-FILE = "checkpoint.npz"  # in the folder of what is learned
+FILE = "checkpoint.npz"  # in the output folder
 
 
 @dataclass(frozen=True, eq=False)

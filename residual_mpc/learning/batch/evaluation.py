@@ -127,8 +127,8 @@ def without_harmful_outputs(
 def switched_off_where_worse(
     evaluations: Sequence[Evaluation], learned: Residual, windows: np.ndarray
 ) -> tuple[Residual, tuple[str, ...]]:
-    """The residual, with all of its outputs switched off where it makes the gap of any evaluation larger on these
-    windows (W,); and the channels that it made worse there."""
+    """The residual, with all of its outputs switched off if it makes the gap of any evaluation larger on these windows
+    (W,); and the channels that it made worse there."""
     for evaluation in evaluations:
         before, after = evaluation.gap(None, windows), evaluation.gap(learned, windows)
         if not after.total <= before.total:  # also where it is not finite

@@ -69,8 +69,8 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class TrainingResult:
-    """learned: what this call learned; whole: with what it builds on, as one residual; of either all outputs are off
-    where nothing of it was kept. condition: of model_constr, None where nothing came before; kept_earlier: whether it
+    """learned: what this call learned; whole: with what it builds on, as one residual; all outputs of either are off
+    if nothing of it was kept. condition: of model_constr, None where nothing came before; kept_earlier: whether it
     holds and the gap agrees. h2 over the updates;
     held_out_h2: H2 norms before and after learning on the held-out runs, None without any; gaps on the same runs, and
     their noise floor.
@@ -100,7 +100,7 @@ class TrainingResult:
     seconds: float
 
     def at_noise_floor(self, gap: Gap) -> bool:
-        """Whether a gap is no more than sensor noise makes, in all and in each channel: nothing is left to learn."""
+        """Whether sensor noise alone explains a gap, overall and in each channel: nothing is left to learn."""
         return not beyond(gap, self.noise_floor, PredictSettings())
 
 
@@ -194,7 +194,7 @@ def _train(
 
 
 def _whole(problem: TrainingProblem, learned: Residual) -> Residual:
-    """With the residuals that stand still, where it acts."""
+    """The sum of the fixed residuals and what was learned, if that acts."""
     parts = [*problem.fixed, learned] if learned.acts or not problem.fixed else list(problem.fixed)
     return replace(sum_residuals(parts), step=learned.step, robot=learned.robot)
 

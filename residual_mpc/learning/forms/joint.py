@@ -1,12 +1,12 @@
 """A residual on the accelerations of a robot of joints: x_{k+1} = Dyn(x_k, u_k) + delta, the paper's general model.
 
-The robot's own replay of the whole window, with all that it remembers, is the base. What the residual has moved the
-state away from it is carried from step to step by Dyn, the robot's replay over one step: the difference between the
-step from the corrected state and the step from the base's. What a joint's servo or gravity makes of the correction is
-then the model's affair, and without a correction the robot is itself to the last bit, whatever it remembers. Of the
-difference alone, a model that remembers something which is no channel (play, the spring in a gear, a filter inside an
-actuator) forgets that at each step: commands before the step still warm up delays and lags, but the replay of 0.6 s by
-which a joint with play is begun at a window's start is not spent on every step.
+The base is the robot's own replay of the whole window, with all of its internal memory. The deviation from the base
+that the residual has caused is propagated by Dyn, the robot's replay over one step: it becomes the difference between
+the step from the corrected state and the step from the base's state. The model thus determines how a joint's servo or
+gravity responds to the correction, and without a correction the robot is reproduced to the last bit, whatever memory it
+has. Only the deviation loses, at each step, the memory that is not a channel (play, the spring in a gear, a filter
+inside an actuator): commands before the step still warm up delays and lags, but the replay of 0.6 s that initialises a
+joint with play at the start of a window is not repeated at every step.
 """
 
 from collections.abc import Mapping
@@ -104,9 +104,9 @@ def _carried(
     base: Robot, x: Mapping[str, np.ndarray], from_base: Mapping[str, np.ndarray], own: np.ndarray, drive: Drive,
     settings: Settings, asked: tuple[str, ...],
 ) -> dict[str, np.ndarray]:  # fmt: skip
-    """How far apart one step from the state x (B,) and one from the base's own state (R,) are at each of its nodes.
+    """The difference between one step from the state x (B,) and one from the base's state (R,), at each node.
 
-    own (R,): which of the B rows the base's own are, all of them or one that stands for all.
+    own (R,): the rows of the base among the B rows, either all of them or one that stands for all.
     """
     rows = settings.rows
     if all((x[c] == from_base[c]).all() for c in x):
@@ -118,7 +118,7 @@ def _carried(
 
 
 def _alike(start: Mapping[str, np.ndarray], drive: Drive, settings: Settings) -> bool:
-    """Whether all rows are the same window under the same hypothesis, as when one output after the other is pushed."""
+    """Whether all rows are the same window under the same hypothesis, as when outputs are perturbed one at a time."""
     past = () if drive.past is None else vars(drive.past).values()
     given = [v for v in (*start.values(), *vars(drive).values(), *past) if isinstance(v, np.ndarray)]
     return len(settings.distinct()[0]) == 1 and all(bool((v == v[:1]).all()) for v in given)

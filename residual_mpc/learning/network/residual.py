@@ -86,7 +86,7 @@ class Residual:
         return replace(self, output_scale=np.where(off, 0.0, self.output_scale))
 
     def switched_off(self) -> "Residual":
-        """The same residual with all of its outputs switched off: the model is the one without it."""
+        """The same residual with all outputs switched off, so that the model is the same as without it."""
         return self.without(self.outputs)
 
 

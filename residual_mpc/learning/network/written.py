@@ -15,7 +15,7 @@ def residual_in(written: Written, last: bool = False) -> Residual | None:
 
 
 def kept_nothing(written: Written) -> bool:
-    """Whether `learn` wrote it and kept nothing of what it learned. Raises BadInput as `residual_in`."""
+    """Whether `learn` wrote it and kept no network. Raises BadInput as `residual_in` does."""
     model = model_content(written)
     return "case" in model and f"last_{KEY}" in model and model[f"last_{KEY}"] is None
 

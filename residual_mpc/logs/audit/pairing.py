@@ -230,7 +230,7 @@ def _delay(actuator: ActuatorFacts, name: str, seen: Follow, dt: float) -> list[
 
 
 def _made_of(actuator: ActuatorFacts) -> str:
-    """What the time between a command and its answer is to be compared with, or consists of."""
+    """What the delay between a command and its response consists of, or should be compared with."""
     if actuator.lag is None:
         return "delay, lag and inertia combined"
     return f"the modelled servo alone lags by {actuator.lag * 1e3:.0f} ms in steady motion"

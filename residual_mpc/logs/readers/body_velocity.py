@@ -41,15 +41,15 @@ def as_wheel_speeds(columns: dict[str, FloatArray], wheels: tuple[float, float] 
 def said_of_wheel_speeds(
     run: str, logged: Mapping[str, FloatArray], columns: Mapping[str, FloatArray], wheels: tuple[float, float] | None
 ) -> list[Finding]:
-    """With which wheels (radius, track width; m) a body velocity was converted, if the run's columns show that it was.
+    """The wheels (radius, track width; m) used to convert a body velocity, if the run's columns show that one was.
 
-    These have to be the base controller's own, which need not be right: they say what the wheels were sent.
+    They have to be those of the base controller, even if these are wrong: they determine the commands to the wheels.
     """
     if wheels is None or LEFT in logged or LEFT not in columns:
         return []
     radius, track = wheels
     text = (
         f"{LINEAR} and {ANGULAR} were converted to the wheel speeds {LEFT} and {RIGHT}, with a wheel radius of "
-        f"{radius:.4g} m and a track width of {track:.4g} m, which have to be those of the base controller"
+        f"{radius:.4g} m and a track width of {track:.4g} m; both must be those that the base controller uses"
     )
     return [Finding("info", "body velocity", run, LEFT, None, text)]

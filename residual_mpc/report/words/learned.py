@@ -1,4 +1,4 @@
-"""What a residual network learned, in words: for the terminal, and the reasons that the page gives as well."""
+"""What a residual network learned, in words: the lines for the terminal, and the reasons that the report also gives."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -23,8 +23,8 @@ def learned_lines(d: Document) -> list[str]:
         out.append(f"  {floor[:1].lower()}{floor[1:]}")
     for odd in d["turned_over"]:
         out.append(
-            f"  run {odd['run']}: {odd['channel']} goes over {odd['range']:.3g} rad, in most runs over "
-            f"{odd['usual']:.3g}; the network takes an angle as it is, so learn without such runs"
+            f"  run {odd['run']}: {odd['channel']} spans {odd['range']:.3g} rad, but {odd['usual']:.3g} in most runs; "
+            "the network does not wrap angles, so learn without such runs"
         )
     if d["condition"]:
         c = d["condition"]
@@ -33,7 +33,7 @@ def learned_lines(d: Document) -> list[str]:
             f"{c['with_earlier']:.3g} on average with it, by {c['without']:.3g} without it"
         )
     if d["nothing_earlier"]:
-        out.append("  the case before kept nothing, so this one started from nothing")
+        out.append("  the previous case kept nothing, so this one started without an earlier network")
     if d["left_alone"]:
         out.append(f"  not corrected, since worse on validation windows: {', '.join(d['left_alone'])}")
     if d["worse_on_held_out"]:
@@ -44,7 +44,7 @@ def learned_lines(d: Document) -> list[str]:
 def _outcome(d: Document) -> str:
     """Whether anything was kept, and how fast it was learned."""
     if not d["kept"]:
-        return f"nothing was kept of what was learned: {why_nothing(d)}"
+        return f"nothing that was learned was kept: {why_nothing(d)}"
     if d["converged_after"] is None:
         return "the H2 norm did not decrease"
     if hardly_fell(d):
@@ -59,7 +59,7 @@ def hardly_fell(document: Document) -> bool:
 
 
 def at_the_floor(document: Document) -> str:
-    """Where the gap is no more than sensor noise makes, in words without a full stop; empty where it is more."""
+    """A statement, without a full stop, that the gap is at the noise floor; empty if it is above the floor."""
     at = document["gap"].get("at_noise_floor") or {}
     if at.get("before"):
         return "The gap was at the noise floor without the network: nothing is left to learn"
@@ -69,7 +69,7 @@ def at_the_floor(document: Document) -> str:
 
 
 def why_nothing(document: Document) -> str:
-    """Why nothing was kept of what was learned."""
+    """Why nothing that was learned was kept."""
     gap = document["gap"]
     if gap["at_noise_floor"]["before"]:
         return "the gap is already at the noise floor, so nothing is left to learn"
@@ -82,7 +82,7 @@ def why_nothing(document: Document) -> str:
 
 
 def earlier_fate(condition: Mapping[str, Any]) -> str:
-    """What became of the residual of the case before."""
+    """What became of the residual of the previous case."""
     if condition["kept"]:
         return "is kept"
     return f"is set to zero{', since the gap is larger with it' if condition['holds'] else ''}"
