@@ -14,6 +14,7 @@ import numpy as np
 from controllers.mpc import MpcInfo, build_mpc
 from controllers.riccati import controlled, slopes, stage_cost, with_last_command
 from controllers.settings import Limits, MpcSettings
+from controllers.shapes import wrong_state
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented
 from residual_mpc.export.casadi_model import casadi_model
@@ -73,10 +74,7 @@ class Lqr:
         import time
 
         if np.shape(x) != (self.model.nx,):
-            states = ", ".join(self.model.stepped.states)
-            raise BadInput(
-                f"x must have shape ({self.model.nx},), got {np.shape(x)}", "", f"give {states} in this order"
-            )
+            raise wrong_state(self.model, np.shape(x))
         begin = time.perf_counter()
         k = min(state.sample, len(self.u) - 1)
         before = self.u[k - 1] if k else self.model.hold(self.x[0])

@@ -21,6 +21,7 @@ from controllers.qp import Qp, QpSolver, qp_solver
 from controllers.riccati import root_of, terminal_cost
 from controllers.rollout import Rollout, rollout
 from controllers.settings import MpcSettings
+from controllers.shapes import wrong_state
 from controllers.soft import SoftRows, softened
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented
@@ -129,9 +130,7 @@ class Mpc:
         """The error for a state or a reference of the wrong shape."""
         at = self.model.stepped
         if x != (self.model.nx,):
-            return BadInput(
-                f"x must have shape ({self.model.nx},), got {x}", "", f"give {', '.join(at.states)} in this order"
-            )
+            return wrong_state(self.model, x)
         n, wanted = self.horizon, (self.horizon, len(at.tracked))
         what = f"the reference must have shape {wanted}, a row for each of the next {n} samples, got {reference}"
         return BadInput(what, "", f"give {', '.join(at.tracked)} in each row")

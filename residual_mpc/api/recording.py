@@ -95,7 +95,7 @@ def runs_of(model: Source) -> Sequence[str]:
     if not paths:
         what = f"{described} do not all exist any more" if described else "it names no runs"
         if residual_in(source) is not None and not described:
-            what = "a learned model names no runs, and no diagnosis is beside it"
+            what = "a learned model lists no runs, and its folder has no diagnosis"
         raise BadInput(what, source.where, "name runs with `runs`")
     return paths
 

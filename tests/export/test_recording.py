@@ -232,7 +232,7 @@ def test_an_arm_is_drawn_as_mujoco_places_its_links(tmp_path: Path, capsys: pyte
     [
         (("model.json",), "it names no runs. Name runs with --runs"),
         (("gone.json",), "the runs of gone.json do not all exist any more. Name runs with --runs"),
-        (("learned.json",), "a learned model names no runs, and no diagnosis is beside it. Name runs with --runs"),
+        (("learned.json",), "a learned model lists no runs, and its folder has no diagnosis. Name runs with --runs"),
         (("model.json", "--runs", "none.csv"), "none.csv"),
         (("model.json", "--runs", "arm.csv"), "command."),
         (("arm.json", "--runs", "r0.csv"), "arm"),

@@ -120,6 +120,23 @@ def test_gravcomp_of_the_model_bears_its_nominal_weight(tmp_path: Path, beside: 
     np.testing.assert_allclose(found, expected, rtol=0, atol=2e-6)
 
 
+def test_gravcomp_that_acts_through_the_actuators_is_mujocos_own(tmp_path: Path) -> None:
+    """The actuators' limits hold for it, so the payload's weight is borne as MuJoCo bears it."""
+    xml = compensated(arm_xml(SOFT)).replace('<joint name="j1"', '<joint name="j1" actuatorgravcomp="true"')
+    robot = robot_of(tmp_path, xml, payload_site="tool")
+    drive, start = random_drive(robot, 1, STEPS), random_start(robot, 1)
+    mass = {("link_mass", "lower", "mass"): 0.4}
+    came = robot.replay(start, drive, settings_of(robot, mass), CHANNELS)
+    model = mujoco.MjModel.from_xml_string(xml)
+    assert model.jnt_actgravcomp.any()
+    lower = model.body("lower").id
+    model.body_mass[lower] += 0.4
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    expected = truth(model, robot.model, start, drive.command[0, drive.lead :], 1, 0.0)
+    for i in (1, 2):
+        np.testing.assert_allclose(came[f"position.j{i}"][0], expected[:, i - 1], rtol=0, atol=2e-6)
+
+
 def test_rows_of_a_model_with_gravcomp_are_themselves(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, compensated(arm_xml(SOFT)), payload_site="tool")
     friction = {("coulomb_friction", None, "torque"): 0.2}

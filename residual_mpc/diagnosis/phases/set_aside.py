@@ -21,8 +21,7 @@ from residual_mpc.models.settings import Term
 def unlike_in_fits(prepared: Prepared, refined: Refined) -> tuple[tuple[KeptBack, ...], tuple[Term, ...]]:
     """Stretches of the windows that fits have seen which the explanation misses by far more than all others, or would
     miss without an effect that serves nothing else, such as a stop for a table that was hit once, with these effects;
-    else a run that is unlike all others, unless an
-    effect has another size there."""
+    else a run that is unlike all others, unless an effect has another size there."""
     of, settings = refined.explanation, prepared.options.settings.aside
     data, values = prepared.clean.take(prepared.free), of.final.values
     rows = of.space.settings([values, *({k: v for k, v in values.items() if k.term != t} for t in of.final.terms)])
