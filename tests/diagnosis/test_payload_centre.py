@@ -12,12 +12,16 @@ import pytest
 from oracles.arms import arm_xml, robot_of
 
 from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.diagnose import diagnose
-from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.predict.candidates import build_space
+from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.results.document import to_document
+from residual_mpc.diagnosis.results.settings import ResultSettings
+from residual_mpc.diagnosis.search.instead_of_numbers import instead_of_numbers
 from residual_mpc.diagnosis.search.optional_numbers import (
     at_bounds,
     makeup,
@@ -34,16 +38,20 @@ T = DT * np.arange(int(SECONDS / DT) + 1)
 NOISE = {"position.j1": SIGMA, "position.j2": SIGMA}
 PLANAR = arm_xml().replace('axis="0 1 0.2"', 'axis="0 1 0"')  # both joints turn about the site's y
 MASS, X, Y, Z = (Knob("payload", None, name) for name in ("mass", "x", "y", "z"))
+GAIN = Knob("actuator_gain", None, "gain")
 
 
-def loaded_run(xml: str, mass: float, offset: tuple[float, float, float]) -> Run:
-    """The truth: the model compiled with a body beside the site, stepped by RK4 four times as finely."""
+def loaded_run(xml: str, mass: float, offset: tuple[float, float, float], gain: float = 1.0) -> Run:
+    """The truth: the model compiled with a body beside the site, stepped by RK4 four times as finely; gain: times the
+    servos' torques."""
     rng, spec = np.random.default_rng(1), mujoco.MjSpec.from_string(xml)
     spec.option.timestep, spec.option.integrator = FINE, mujoco.mjtIntegrator.mjINT_RK4
     at = next(s for s in spec.sites if s.name == "tool").pos
     load = spec.body("lower").add_body(pos=at + np.array(offset))
     load.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[1e-3, 0, 0], mass=mass, contype=0, conaffinity=0)
     model = spec.compile()
+    model.actuator_gainprm *= gain
+    model.actuator_biasprm *= gain
     u = np.stack(
         [
             2.0 * sum(rng.uniform(0.1, 0.3) * np.sin(2 * np.pi * f * T + rng.uniform(0, 6)) for f in (0.4, 0.9, 1.7))
@@ -99,6 +107,22 @@ def test_a_coordinate_along_parallel_axes_stays_0(tmp_path: Path) -> None:
     fine = PLANAR.replace('timestep="0.002"', 'timestep="0.001"')
     found = diagnosed(tmp_path, fine, 0.3, (0.06, 0.05, 0.0), "viscous_friction")
     assert_found(found, {"mass": 0.3, "x": 0.06})
+
+
+@pytest.mark.parametrize(("gain", "offset"), [(0.8, 0.0), (1.0, 0.08)])
+def test_an_effect_replaces_a_coordinate_only_where_it_fits_better(tmp_path: Path, gain: float, offset: float) -> None:
+    robot, settings = robot_of(tmp_path, arm_xml(), payload_site="tool"), ResultSettings()
+    data = build_dataset([loaded_run(arm_xml(), 0.3, (offset, 0.0, 0.0), gain)], [robot], NOISE)
+    problem = build_problem(data, build_space(data, ()), data.sigma, measure_scales(data).motion)
+    (fit,) = fit_all(problem, [{MASS: 0.3, X: 0.02}], settings=settings.fit)
+    found = instead_of_numbers(problem, fit, (), settings.search)
+    if gain == 1.0:
+        assert found is None
+        return
+    assert found is not None and found.terms == (MASS.term, GAIN.term) and X not in found.values
+    assert found.values[GAIN] == pytest.approx(gain, abs=0.01) and found.values[MASS] == pytest.approx(0.3, abs=0.01)
+    other = instead_of_numbers(problem, fit, (GAIN.term,), settings.search)
+    assert other is None or GAIN not in other.values  # refuted before
 
 
 def test_no_first_look_is_taken_at_the_coordinates(tmp_path: Path) -> None:

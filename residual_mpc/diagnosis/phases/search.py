@@ -24,10 +24,12 @@ from residual_mpc.diagnosis.predict.step_error import made_by_step
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.search.acceptance import build_ruler
 from residual_mpc.diagnosis.search.by_target import counted
+from residual_mpc.diagnosis.search.instead_of_numbers import instead_of_numbers
 from residual_mpc.diagnosis.search.late_partners import with_partner
 from residual_mpc.diagnosis.search.optional_numbers import makeup
 from residual_mpc.diagnosis.search.other_starts import begun_with, better_everywhere, other_start
 from residual_mpc.diagnosis.search.rivals import Rivalry, find_rivals, holds_elsewhere
+from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stepwise import Accepted, Found, stepwise_search
 from residual_mpc.diagnosis.search.testable import NotTestable, not_testable
 from residual_mpc.models import optional
@@ -89,7 +91,8 @@ def search_further(
     """The search gone on from the last fit where it is not finished; None where it is.
 
     The search sees few and short windows. On all windows that fits may see, some of its effects may be refuted, so that
-    others explain what these stood for, and another effect may close most of what is left.
+    others explain what these stood for, another effect may close most of what is left, or fit better than the optional
+    numbers of those that were found.
 
     Args:
         searched: the search that found the effects.
@@ -104,7 +107,7 @@ def search_further(
         found = extended(found, less, settings=settings.search)
         more = closed_by_one(found, found.fit, last.left_out, settings)
     if more is None:
-        values = _closed_everywhere(searched, last, rng)
+        values = _closed_everywhere(searched, last, rng) or _instead_of_numbers(last, settings.search)
         if values is None:
             return None
         (fit,) = fit_all(found.problem, [values], settings=settings.fit)
@@ -128,6 +131,12 @@ def _closed_everywhere(searched: Searched, last: FittedExplanation, rng: np.rand
     there = replace(searched.found, problem=problem, fit=final, base=base, ruler=ruler)
     more = closed_by_one(there, final, last.left_out, settings)
     return None if more is None else more.fit.values
+
+
+def _instead_of_numbers(last: FittedExplanation, settings: SearchSettings) -> Values | None:
+    """The last fit with an effect in place of its optional numbers, where that fits clearly better."""
+    found = instead_of_numbers(last.problem, last.final, last.left_out, settings)
+    return None if found is None else found.values
 
 
 def _finished(
