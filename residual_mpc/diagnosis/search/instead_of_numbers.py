@@ -1,7 +1,7 @@
 """An effect in place of the optional numbers of a set.
 
-A search takes one effect after the other, and frees the optional numbers of those that it has. A payload that is heavier
-and lies farther from its site may so stand for a weak actuator, which nothing tries in its place later.
+A search adds one effect at a time and frees the optional numbers of those that it has. A payload that is heavier and
+farther from its site than the true one may thus stand for a weak actuator, and nothing tries the actuator later.
 """
 
 from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion, without_the_most_telling
