@@ -12,6 +12,7 @@ from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.describe import describe
 from residual_mpc.diagnosis.phases.early_answers import Told, first_look, unheard
 from residual_mpc.diagnosis.phases.laws import find_laws
+from residual_mpc.diagnosis.phases.partly import partly
 from residual_mpc.diagnosis.phases.prepare import DiagnosisInput, Prepared, prepare
 from residual_mpc.diagnosis.phases.refine import Refined, refine
 from residual_mpc.diagnosis.phases.search import Searched, search_effects, search_further
@@ -55,17 +56,17 @@ def diagnose(
         # what the search holds is not kept once it is refined
         refined = keep("refine", lambda: _refined(prepared, keep, rng, progress, told))
         validated = keep("validate", lambda: validate(refined, rng, progress))
-        explained = keep("laws", lambda: find_laws(prepared, refined, validated, rng, progress))
+        explained = keep("laws", lambda: find_laws(refined, validated, rng, progress))
         return describe(explained, learners, rng, progress, answered)
 
 
 def _refined(prepared: Prepared, keep: Keeper, rng: np.random.Generator, progress: Progress, told: Told) -> Refined:
     """What the search found, fitted to the end; once more without the stretches that turn out to be unlike everything
-    else, unless that only takes away what served them."""
+    else, unless that only takes away what served them, or with effects that act in a part of the runs alone."""
     refined = _refined_once(keep("search", lambda: search_effects(prepared, rng, progress, keep, told)), rng, progress)
     aside, serving = unlike_in_fits(prepared, refined)
     if not aside:
-        return refined
+        return partly(prepared, refined, rng, progress) or refined
     progress("searching again without what is unlike the rest", 0.3)
     again = _refined_once(search_effects(without(prepared, aside), rng, progress, told=told), rng, progress)
     terms, now = set(refined.explanation.final.terms), set(again.explanation.final.terms)

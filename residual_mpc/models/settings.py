@@ -44,7 +44,8 @@ class Settings:
 
     effects[effect][parameter] has shape (n, number of the robot's slots for that effect); an effect that is at its
     null value in every row is absent. tuned[name] (n,) holds retuned nominal parameters, absolute. later: the values on
-    windows of the later one of two sets of runs, None where they are the same.
+    windows of the later one of two sets of runs, or outside the part of the runs in which some effects act; None where
+    they are the same.
     """
 
     rows: int
@@ -56,7 +57,8 @@ class Settings:
         """The rows named by index, in that order (also a boolean mask)."""
         count = int(index.sum()) if index.dtype == bool else len(index)
         effects = {e: {p: v[index] for p, v in ps.items()} for e, ps in self.effects.items()}
-        return Settings(count, effects, {k: v[index] for k, v in self.tuned.items()})
+        later = None if self.later is None else self.later.take(index)
+        return Settings(count, effects, {k: v[index] for k, v in self.tuned.items()}, later)
 
     def acting(self) -> "Settings":
         """The same without the effects that do nothing in any row; some rows may lack what others have."""
@@ -75,7 +77,8 @@ class Settings:
 
     def without(self, effect: str) -> "Settings":
         """The same rows with one effect absent."""
-        return Settings(self.rows, {e: p for e, p in self.effects.items() if e != effect}, self.tuned)
+        later = None if self.later is None else self.later.without(effect)
+        return Settings(self.rows, {e: p for e, p in self.effects.items() if e != effect}, self.tuned, later)
 
 
 def is_null(effect: str, values: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -23,8 +23,8 @@ POSITION_LIKE = ("position", "pose")
 @dataclass(frozen=True)
 class Block:
     """The windows of the runs that share one robot model (a variant), as rows `where` of the dataset's arrays. later:
-    whether they are of the later one of two sets of runs, to which `Settings.later` apply. own: steps of the user's
-    model in one of the drive's.
+    whether `Settings.later` apply to them: they are of the later one of two sets of runs, or outside the part of the
+    runs in which some effects act. own: steps of the user's model in one of the drive's.
     """
 
     robot: Robot

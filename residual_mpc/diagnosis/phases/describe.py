@@ -96,6 +96,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     looked_at = as_named(looked_at, causes)
     if verdict == "effects" and not validated.judged.told and not _likely(causes, looked_at, groups):
         verdict = "partial"  # a gap that is small anyway confirms nothing
+    varying = {**validated.varying, **of.partly}
     run, unlike = validated.odd, validated.unlike.document(of.raw.horizon)
     odd = None if run is None else run.document(of.raw.runs[run.run].name, of.raw.horizon)
     return Diagnosis(
@@ -107,7 +108,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
         achieved=validated.achieved,
         stages=extras.stages,
         where=locate(of.raw, of.scales, found.errors["before"], settings=settings.data),
-        causes=tuple(replace(c, variation=validated.varying.get(c.term)) for c in causes),
+        causes=tuple(replace(c, variation=varying.get(c.term)) for c in causes),
         candidates=looked_at,
         groups=groups,
         rivals=rival_sets(of.rivalry) if helps else (),

@@ -10,7 +10,6 @@ from residual_mpc.diagnosis.fit.least_squares import Fit, on_problem
 from residual_mpc.diagnosis.fit.polish import carry_on
 from residual_mpc.diagnosis.laws.add import Unexplained, WithLaws, add_laws
 from residual_mpc.diagnosis.options import Progress
-from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.phases.refine import Refined, cross_validated_shrink, trusting
 from residual_mpc.diagnosis.phases.validate import Validated, validate
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
@@ -22,9 +21,7 @@ from residual_mpc.effects.laws import FITTED_LAW, kind_of
 from residual_mpc.models.settings import TUNE
 
 
-def find_laws(
-    prepared: Prepared, refined: Refined, validated: Validated, rng: np.random.Generator, progress: Progress
-) -> Validated:
+def find_laws(refined: Refined, validated: Validated, rng: np.random.Generator, progress: Progress) -> Validated:
     """The explanation with the laws that predict the held-out windows better beyond doubt; else as it was.
 
     What is fitted sees no held-out window. The generator is left as it came, so that what follows draws the same.
@@ -38,7 +35,7 @@ def find_laws(
     found = add_laws(_unexplained(validated), rng, options.settings.remainder, options.settings.laws)
     if found is None or not (validated.verdict != "effects" or _replaces(validated, found)):
         return validated
-    again = validate(replace(refined, explanation=_explained(prepared, refined, found, rng)), rng, progress)
+    again = validate(replace(refined, explanation=_explained(refined, found, rng)), rng, progress)
     return again if _predicts(validated, again, rng) else validated
 
 
@@ -69,7 +66,7 @@ def _unexplained(validated: Validated) -> Unexplained:
     return Unexplained(data, scales, 1.0 / of.problem.weight, of.space, of.base.values, values)
 
 
-def _explained(prepared: Prepared, refined: Refined, found: WithLaws, rng: np.random.Generator) -> FittedExplanation:
+def _explained(refined: Refined, found: WithLaws, rng: np.random.Generator) -> FittedExplanation:
     """The laws' numbers fitted on all windows that fits may see, and the shrink expected of them."""
     of, options = refined.explanation, refined.options
     settings = options.settings
@@ -79,7 +76,7 @@ def _explained(prepared: Prepared, refined: Refined, found: WithLaws, rng: np.ra
     problem = trusting(problem, found.values, of.scales, settings)
     final = carry_on(problem, [found.values], options.final_steps, settings=settings.fit)[0]
     base = on_problem(problem, of.base, settings=settings.fit)
-    known = replace(prepared, space=found.space)
+    known = replace(refined.prepared, space=found.space)
     expected = cross_validated_shrink(known, problem, final, base, of.with_outliers, rng)
     ends = {k: (final.values[k],) for k in final.knobs if k.effect != TUNE}
     return replace(

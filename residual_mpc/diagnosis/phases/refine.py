@@ -45,11 +45,19 @@ LAST_RESORT = 4  # times the columns that small differences may have, on the few
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """The explanation that stands before anything is opened, and the longer horizons that it is judged over as well."""
+    """The explanation that stands before anything is opened, of the windows `prepared`."""
 
     explanation: FittedExplanation
-    longer: tuple[HorizonWindows, ...]
-    options: Options
+    prepared: Prepared
+
+    @property
+    def longer(self) -> tuple[HorizonWindows, ...]:
+        """The longer horizons that it is judged over as well."""
+        return self.prepared.longer
+
+    @property
+    def options(self) -> Options:
+        return self.prepared.options
 
 
 def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> Refined:
@@ -82,7 +90,7 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
         final, polished.ends, rivalry, searched.untestable, prepared.outliers, with_outliers, unnamed, vetoed, doubtful,
         expected, tolerated, omitted,
     )  # fmt: skip
-    return Refined(explanation, prepared.longer, options)
+    return Refined(explanation, prepared)
 
 
 def trusting(problem: Problem, values: Values, scales: Scales, settings: ResultSettings) -> Problem:

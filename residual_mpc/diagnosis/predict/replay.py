@@ -32,7 +32,7 @@ def predict(data: Dataset, settings: Settings, nudge: Start | None = None) -> np
     h, (w, m), c = settings.rows, data.t.shape, len(data.channels)
     out = np.full((h, w, m, c), np.nan)
     for block in data.blocks:
-        here = settings.later if block.later and settings.later is not None else settings
+        here = settings.later if block.later and settings.later is not None else replace(settings, later=None)
         first, back = np.arange(h), np.arange(h)
         # hypotheses that differ only on the other set of runs have the same prediction here
         if settings.later is not None and nudge is None:
@@ -56,8 +56,7 @@ def predict_moved(data: Dataset, settings: Settings, nudges: Sequence[Start]) ->
     still = np.zeros(data.count)
     stacked = {k: np.stack([nudge.get(k, nudge.get(k.removeprefix(MEMORY), still)) for nudge in nudges]) for k in keys}
     same = np.zeros(len(nudges), dtype=int)
-    later = None if settings.later is None else settings.later.take(same)
-    return predict(data, replace(settings.take(same), later=later), stacked)
+    return predict(data, settings.take(same), stacked)
 
 
 def start_states(data: Dataset, block: Block, settings: Settings, sooner: float = 0.0) -> dict[str, np.ndarray]:

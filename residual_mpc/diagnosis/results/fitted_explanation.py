@@ -14,6 +14,7 @@ from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.results.shrink import Shrink
+from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.diagnosis.search.rivals import Rivalry
 from residual_mpc.diagnosis.search.testable import NotTestable
 from residual_mpc.models.settings import Knob, Term, Values
@@ -41,7 +42,7 @@ class FittedExplanation:
     tolerated: None where there are no small differences in other numbers; omitted: how the numbers move beside one of
     these, and beside all optional numbers of their effects. forms: the shape of each fitted law;
     aside: stretches that are unlike everything else, which no fit has seen; serving: effects that would explain
-    them."""
+    them; partly: where the effects act that act in a part of the runs alone."""
 
     raw: Dataset
     clean: Dataset
@@ -66,6 +67,7 @@ class FittedExplanation:
     forms: Mapping[Term, str] = field(default_factory=dict)
     aside: tuple[KeptBack, ...] = ()
     serving: tuple[Term, ...] = ()
+    partly: Mapping[Term, Variation] = field(default_factory=dict)
 
     def take(self, keep: np.ndarray) -> "FittedExplanation":
         """Judged on the windows of `raw` where the mask (W,) is true."""

@@ -130,6 +130,32 @@ class VariationSettings:
 
 
 @dataclass(frozen=True)
+class PartSettings:
+    """Effects that act in a part of the runs alone are searched for where an explanation of all runs leaves a gap of
+    more than `over_floor` times the noise floor. A part and its rest have at least `fewest` windows; where no named
+    effect begins or ends, the gap in the part is `times` that in the rest, and the variance between the logarithms of
+    the two exceeds that within them by the factor `beyond_doubt`. tried: parts that are searched; most: effects that
+    may be absent from the rest; as_good: times the least squared error in the rest, up to which fewer effects are
+    absent; smaller: times the squared error of effects that always act, below which those that act in the part alone
+    count, if the mean logarithm of the ratio is more than `told` times its standard error between stretches of
+    time."""
+
+    over_floor: float = 1.5
+    fewest: int = 5
+    times: float = 1.7
+    beyond_doubt: float = 25.0
+    tried: int = 2
+    most: int = 6
+    as_good: float = 1.1
+    smaller: float = 0.5
+    told: float = 3.0
+
+    def __post_init__(self) -> None:
+        check_positive(self, "over_floor", "fewest", "times", "beyond_doubt", "tried", "most", "as_good", "told")
+        check_share(self, "smaller")
+
+
+@dataclass(frozen=True)
 class AsideSettings:
     """Stretches that are unlike everything else: of at least `fewest` windows, those whose scaled error is more than
     `unlike` times the quantile `usual` of all, more than `noise` times what a perfect model would have in the same
@@ -162,6 +188,7 @@ class ResultSettings:
     support: SupportSettings = field(default_factory=SupportSettings)
     laws: LawSettings = field(default_factory=LawSettings)
     variation: VariationSettings = field(default_factory=VariationSettings)
+    parts: PartSettings = field(default_factory=PartSettings)
     aside: AsideSettings = field(default_factory=AsideSettings)
     closest: int = 3
     bootstrap: int = 2000

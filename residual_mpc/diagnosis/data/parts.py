@@ -1,0 +1,82 @@
+"""A part of the runs in which an effect acts, while it does nothing in the rest."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Block, Dataset
+from residual_mpc.diagnosis.data.left_out import SLACK
+
+WHOLE = (-np.inf, np.inf)
+NOWHERE = (np.inf, -np.inf)
+
+Spans = Mapping[int, tuple[float, float]]  # from and to, s, of each run (its index); nowhere in runs that are not named
+
+
+class Timed(Protocol):
+    """Windows: run (W,) index and start (W,) s of each, and how long they are, s."""
+
+    @property
+    def run(self) -> np.ndarray: ...
+    @property
+    def start(self) -> np.ndarray: ...
+    @property
+    def horizon(self) -> float: ...
+
+
+@dataclass(frozen=True)
+class Part:
+    """where: in which stretches of the runs the effect acts; rest: in which it does not. What lies in neither is not
+    known, such as the windows across the instant at which it begins."""
+
+    where: Spans
+    rest: Spans
+
+    def inside(self, data: Timed) -> np.ndarray:
+        """(W,) bool: the windows that lie in the part."""
+        return _within(data, self.where)
+
+    def outside(self, data: Timed) -> np.ndarray:
+        """(W,) bool: the windows that lie in the rest."""
+        return _within(data, self.rest)
+
+
+def after(last: tuple[int, float], first: tuple[int, float], runs: int) -> Part:
+    """From an instant on, in the order of so many runs. last, first: run and s, up to which the effect does not act and
+    from which it does."""
+    (a, end), (b, start) = last, first
+    later = {b: (start, np.inf), **dict.fromkeys(range(b + 1, runs), WHOLE)}
+    return Part(later, {**dict.fromkeys(range(a), WHOLE), a: (-np.inf, end)})
+
+
+def before(last: tuple[int, float], first: tuple[int, float], runs: int) -> Part:
+    """Up to an instant: the reverse of `after`."""
+    part = after(last, first, runs)
+    return Part(part.rest, part.where)
+
+
+def in_runs(some: Iterable[int], runs: int) -> Part:
+    """In some of so many runs alone."""
+    mine = {int(i) for i in some}
+    return Part(dict.fromkeys(mine, WHOLE), {i: WHOLE for i in range(runs) if i not in mine})
+
+
+def _within(data: Timed, spans: Spans) -> np.ndarray:
+    begin, end = np.array([spans.get(int(i), NOWHERE) for i in data.run]).reshape(-1, 2).T
+    return np.asarray((data.start >= begin - SLACK) & (data.start + data.horizon <= end + SLACK))
+
+
+def parted(data: Dataset, part: Part) -> Dataset:
+    """The windows inside the part and outside it, in their order; `Settings.later` apply to those outside."""
+    data = data.take(part.inside(data) | part.outside(data))
+    outside = part.outside(data)
+    blocks: list[Block] = []
+    for b in data.blocks:
+        rows = np.arange(b.where.start, b.where.stop)
+        for piece in np.split(rows, np.flatnonzero(np.diff(outside[rows])) + 1):
+            mask = np.isin(rows, piece)
+            where = slice(int(piece[0]), int(piece[-1]) + 1)
+            blocks.append(replace(b, where=where, drive=b.drive.take(mask), later=bool(outside[piece[0]])))
+    return replace(data, blocks=tuple(blocks))

@@ -1,0 +1,181 @@
+"""Effects that act in a part of the runs alone: a payload that is picked up, a delay that ends with a restart.
+
+One explanation of all runs then averages over what differs. The effects are searched for in the part alone; those
+without which the rest of the runs is predicted better act in the part only.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import chain, combinations
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Dataset, joined
+from residual_mpc.diagnosis.data.gap import Scales, gap_of, per_window
+from residual_mpc.diagnosis.data.parts import Part, parted
+from residual_mpc.diagnosis.fit.evidence import blocks_of
+from residual_mpc.diagnosis.fit.settings import FitSettings
+from residual_mpc.diagnosis.options import Progress
+from residual_mpc.diagnosis.phases.horizons import everywhere
+from residual_mpc.diagnosis.phases.prepare import Prepared
+from residual_mpc.diagnosis.phases.refine import Refined, refine
+from residual_mpc.diagnosis.phases.search import Searched, search_effects
+from residual_mpc.diagnosis.phases.splits import Split, sharpened, splits, timeline_of
+from residual_mpc.diagnosis.predict.horizons import HorizonWindows
+from residual_mpc.diagnosis.predict.noise_floor import floor_of
+from residual_mpc.diagnosis.predict.part_space import part_space
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.results.settings import PartSettings
+from residual_mpc.diagnosis.results.size_numbers import size_knobs
+from residual_mpc.diagnosis.results.variation_records import Variation
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.settings import TUNE, Term, Values
+
+
+def partly(prepared: Prepared, refined: Refined, rng: np.random.Generator, progress: Progress) -> Refined | None:
+    """The explanation in which some effects act in a part of the runs alone; None where the runs do not show any."""
+    settings = prepared.options.settings.parts
+    if not _much_left(prepared, refined.explanation.final.values, rng):
+        return None
+    for split in splits(prepared, refined)[: settings.tried]:
+        progress("searching in a part of the runs", 0.3)
+        found = _in_part(prepared, refined.explanation.final.values, split, rng.spawn(1)[0])
+        if found is not None:
+            return found
+    return None
+
+
+def _much_left(prepared: Prepared, values: Values, rng: np.random.Generator) -> bool:
+    """Whether an explanation of all runs leaves far more than noise on the windows that fits may see."""
+    data, settings = everywhere(prepared), prepared.options.settings
+    row = prepared.space.settings([values])
+    left = gap_of(data, prepared.scales, data.y - predict(data, row)[0]).total
+    floor = floor_of(data, prepared.scales, row, rng.spawn(1)[0], settings=settings.predict).total
+    return bool(left > settings.parts.over_floor * floor)
+
+
+def _in_part(prepared: Prepared, steady: Values, split: Split, rng: np.random.Generator) -> Refined | None:
+    """What a search in the part alone finds, as an explanation of all runs; None where no effect of it is absent from
+    the rest, or it explains all runs hardly better than effects that always act."""
+    settings = prepared.options.settings.parts
+    searched = search_effects(_only_inside(prepared, split.part), rng, _quiet)
+    values = refine(searched, rng, _quiet).explanation.final.values
+    absent = _absent(prepared, values, split.part, settings)
+    if not absent:
+        return None
+    part = _sharpened(prepared, values, absent, split)
+    of = _with_part(prepared, part.part, frozenset(absent) | _in_their_place(searched, absent))
+    data = everywhere(of)
+    rows = ((of, values), (prepared, steady))
+    now, before = (_missed(data, of.scales, predict(data, p.space.settings([v]))[0]) for p, v in rows)
+    if not _better(data, now, before, settings, prepared.options.settings.fit):
+        return None
+    windows = [w for w in (of.headline, *(look.free for look in of.longer)) if w is not None]
+    seen = [w for w in windows if w[0].horizon <= searched.windows.horizon] or windows[:1]
+    again = replace(searched, prepared=of, windows=joined([d for d, _ in seen]), scales=seen[-1][1])
+    made = refine(again, rng, _quiet)
+    final = made.explanation.final
+    named = [t for t in absent if t in final.terms]
+    said = {t: part.variation(data.runs) or _by_run(data, part.part, final.values, t) for t in named}
+    return replace(made, explanation=replace(made.explanation, partly=said)) if said else None
+
+
+def _sharpened(prepared: Prepared, values: Values, absent: Sequence[Term], split: Split) -> Split:
+    """The split with its instant where the windows show it."""
+    data, less = prepared.fitting, {k: v for k, v in values.items() if k.term not in absent}
+    line, order = timeline_of(data)
+    missed = [_missed(data, prepared.scales, y) for y in predict(data, prepared.space.settings([values, less]))]
+    inside, outside = (m[order] for m in missed)
+    return sharpened(line, split, inside, outside)
+
+
+def _absent(prepared: Prepared, values: Values, part: Part, settings: PartSettings) -> tuple[Term, ...]:
+    """The effects without which the windows outside the part are predicted best; none of them if that is hardly better
+    than with all."""
+    rest = everywhere(prepared)
+    rest = rest.take(part.outside(rest))
+    terms = list(dict.fromkeys(k.term for k in values if k.effect != TUNE))[: settings.most]
+    sets = [frozenset(s) for s in chain.from_iterable(combinations(terms, n) for n in range(len(terms) + 1))]
+    rows = prepared.space.settings([{k: v for k, v in values.items() if k.term not in s} for s in sets])
+    missed = [_missed(rest, prepared.scales, y) for y in predict(rest, rows)]
+    sums = [float(m.sum()) for m in missed]
+    least = min(sums)
+    # an effect that hardly acts in the rest is not absent from it: of sets that do as well, the smallest
+    best = min((k for k, s in enumerate(sums) if s <= settings.as_good * least), key=lambda k: (len(sets[k]), sums[k]))
+    fewer = _better(rest, missed[best], missed[0], settings, prepared.options.settings.fit)
+    return tuple(t for t in terms if t in sets[best]) if fewer else ()
+
+
+def _missed(data: Dataset, scales: Scales, predicted: np.ndarray) -> np.ndarray:
+    """(W,) mean squared scaled error of each window; one whose motion is missed altogether counts as that."""
+    return np.minimum(np.nan_to_num(per_window(data, scales, data.y - predicted), nan=1.0), 1.0)
+
+
+def _better(data: Dataset, now: np.ndarray, before: np.ndarray, settings: PartSettings, fits: FitSettings) -> bool:
+    """Whether squared errors (W,) are smaller than others by a good part, and over most stretches of time."""
+    if not now.sum() < settings.smaller * before.sum():
+        return False
+    block = blocks_of(data, settings=fits)
+    left, had = np.bincount(block, now), np.bincount(block, before)
+    usual = max(float(np.median(left)), 1e-12)  # a stretch in which little happens tells little
+    saved = np.log((had + usual) / (left + usual))
+    return bool(saved.sum() > settings.told * np.sqrt(np.sum((saved - saved.mean()) ** 2)))
+
+
+def _in_their_place(searched: Searched, absent: Sequence[Term]) -> frozenset[Term]:
+    """What rivals have in place of effects that act in the part alone: it acts there alone as well."""
+    return frozenset(t for r in searched.rivalry.rivals if set(r.gone) <= set(absent) for t in r.came)
+
+
+def _by_run(data: Dataset, part: Part, values: Values, term: Term) -> Variation:
+    """The size in each run, of an effect that acts in some of them: as it is there, and nothing elsewhere."""
+    knob = size_knobs(values, term)[0]
+    null = BY_NAME[knob.effect].parameter(knob.parameter).null
+    runs = {int(i): data.runs[i].name for i in np.unique(data.run)}
+    if np.isinf(null):  # a limit or a stiffness that the rest lacks has no size there
+        acts = {name: values[knob] for i, name in runs.items() if i in part.where}
+        return Variation(by_run=acts, free=tuple(name for name in runs.values() if name not in acts))
+    return Variation(by_run={name: values[knob] if i in part.where else null for i, name in runs.items()})
+
+
+def _only_inside(prepared: Prepared, part: Part) -> Prepared:
+    """With the windows in the part alone for the fits."""
+
+    def inside(windows: tuple[Dataset, Scales] | None) -> tuple[Dataset, Scales] | None:
+        keep = np.zeros(0, dtype=bool) if windows is None else part.inside(windows[0])
+        return None if windows is None or not keep.any() else (windows[0].take(keep), windows[1])
+
+    longer = tuple(replace(look, free=inside(look.free)) for look in prepared.longer)
+    free = prepared.free & part.inside(prepared.raw)
+    return replace(prepared, free=free, longer=longer, near=inside(prepared.near))
+
+
+def _with_part(prepared: Prepared, part: Part, terms: frozenset[Term]) -> Prepared:
+    """With the windows in the part and in the rest told apart, and these effects in the part alone."""
+
+    def told(windows: tuple[Dataset, Scales] | None) -> tuple[Dataset, Scales] | None:
+        here = None if windows is None else parted(windows[0], part)
+        return None if here is None or windows is None or not here.count else (here, windows[1])
+
+    def look_told(look: HorizonWindows) -> HorizonWindows | None:
+        keep = part.inside(look.raw) | part.outside(look.raw)
+        if not keep.any():
+            return None
+        raw, clean = parted(look.raw, part), parted(look.clean, part)
+        return replace(look, raw=raw, clean=clean, held=look.held[keep], free=told(look.free))
+
+    keep = part.inside(prepared.raw) | part.outside(prepared.raw)
+    return replace(
+        prepared,
+        raw=parted(prepared.raw, part),
+        clean=parted(prepared.clean, part),
+        held=prepared.held[keep],
+        free=prepared.free[keep],
+        space=part_space(prepared.space, terms),
+        longer=tuple(x for look in prepared.longer if (x := look_told(look)) is not None),
+        near=told(prepared.near),
+    )
+
+
+def _quiet(stage: str, done: float) -> None:
+    """The stages of a search in a part are not told."""
