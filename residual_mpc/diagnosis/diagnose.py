@@ -61,12 +61,15 @@ def diagnose(
 
 
 def _refined(prepared: Prepared, keep: Keeper, rng: np.random.Generator, progress: Progress, told: Told) -> Refined:
-    """What the search found, fitted to the end; once more without the stretches that turn out to be unlike everything
-    else, unless that only takes away what served them, or with effects that act in a part of the runs alone."""
+    """What the search found, fitted to the end; with effects that act in a part of the runs alone, or once more without
+    the stretches that turn out to be unlike everything else, unless that only takes away what served them."""
     refined = _refined_once(keep("search", lambda: search_effects(prepared, rng, progress, keep, told)), rng, progress)
+    in_part = partly(prepared, refined, rng, progress)
+    if in_part is not None:
+        return in_part
     aside, serving = unlike_in_fits(prepared, refined)
     if not aside:
-        return partly(prepared, refined, rng, progress) or refined
+        return refined
     progress("searching again without what is unlike the rest", 0.3)
     again = _refined_once(search_effects(without(prepared, aside), rng, progress, told=told), rng, progress)
     terms, now = set(refined.explanation.final.terms), set(again.explanation.final.terms)

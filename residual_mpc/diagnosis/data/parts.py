@@ -42,6 +42,11 @@ class Part:
         """(W,) bool: the windows that lie in the rest."""
         return _within(data, self.rest)
 
+    def with_run(self, run: int, t: float, acts: bool) -> "Part":
+        """With what a run has from t on, s, in the part where the effect acts there, else in the rest."""
+        there = {run: (t, np.inf)}
+        return Part({**self.where, **there}, self.rest) if acts else Part(self.where, {**self.rest, **there})
+
 
 def after(last: tuple[int, float], first: tuple[int, float], runs: int) -> Part:
     """From an instant on, in the order of so many runs. last, first: run and s, up to which the effect does not act and
@@ -57,10 +62,9 @@ def before(last: tuple[int, float], first: tuple[int, float], runs: int) -> Part
     return Part(part.rest, part.where)
 
 
-def in_runs(some: Iterable[int], runs: int) -> Part:
-    """In some of so many runs alone."""
-    mine = {int(i) for i in some}
-    return Part(dict.fromkeys(mine, WHOLE), {i: WHOLE for i in range(runs) if i not in mine})
+def in_runs(some: Iterable[int], others: Iterable[int]) -> Part:
+    """In some runs, not in others."""
+    return Part(*(dict.fromkeys(map(int, runs), WHOLE) for runs in (some, others)))
 
 
 def _within(data: Timed, spans: Spans) -> np.ndarray:

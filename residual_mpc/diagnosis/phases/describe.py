@@ -131,6 +131,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
         ),
         values=of.space.whole(final.values) if helps else of.base.values,
         notes=notes(of, validated.judged, odd, unlike, settings=settings),
+        partly=frozenset(of.partly) if helps else frozenset(),
     )
 
 

@@ -20,7 +20,7 @@ from residual_mpc.diagnosis.phases.horizons import everywhere
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.phases.refine import Refined, refine
 from residual_mpc.diagnosis.phases.search import Searched, search_effects
-from residual_mpc.diagnosis.phases.splits import Split, sharpened, splits, timeline_of
+from residual_mpc.diagnosis.phases.splits import Split, sharpened, splits, timeline_of, with_held_runs
 from residual_mpc.diagnosis.predict.horizons import HorizonWindows
 from residual_mpc.diagnosis.predict.noise_floor import floor_of
 from residual_mpc.diagnosis.predict.part_space import part_space
@@ -76,17 +76,24 @@ def _in_part(prepared: Prepared, steady: Values, split: Split, rng: np.random.Ge
     made = refine(again, rng, _quiet)
     final = made.explanation.final
     named = [t for t in absent if t in final.terms]
-    said = {t: part.variation(data.runs) or _by_run(data, part.part, final.values, t) for t in named}
+    said = {t: part.variation(data.runs) or _by_run(of.clean, part.part, final.values, t) for t in named}
     return replace(made, explanation=replace(made.explanation, partly=said)) if said else None
 
 
 def _sharpened(prepared: Prepared, values: Values, absent: Sequence[Term], split: Split) -> Split:
-    """The split with its instant where the windows show it."""
-    data, less = prepared.fitting, {k: v for k, v in values.items() if k.term not in absent}
-    line, order = timeline_of(data)
-    missed = [_missed(data, prepared.scales, y) for y in predict(data, prepared.space.settings([values, less]))]
-    inside, outside = (m[order] for m in missed)
-    return sharpened(line, split, inside, outside)
+    """The split with its instant where the windows show it, and with the runs that were held out."""
+    less = {k: v for k, v in values.items() if k.term not in absent}
+    rows = prepared.space.settings([values, less])
+
+    def missed(data: Dataset, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        inside, outside = (_missed(data, prepared.scales, y)[order] for y in predict(data, rows))
+        return inside, outside
+
+    line, order = timeline_of(prepared.fitting)
+    split = sharpened(line, split, *missed(prepared.fitting, order))
+    line, order = timeline_of(prepared.clean)
+    part = with_held_runs(line, split.part, prepared.free[order], *missed(prepared.clean, order))
+    return replace(split, part=part)
 
 
 def _absent(prepared: Prepared, values: Values, part: Part, settings: PartSettings) -> tuple[Term, ...]:

@@ -38,23 +38,27 @@ def timeline_of(data: Dataset) -> tuple[Timeline, np.ndarray]:
 
 @dataclass(frozen=True)
 class Split:
-    """A part of the runs. at: its instant lies before this window, in the order of time, None for whole runs; begins:
-    whether the effects begin there or end."""
+    """A part of the runs. at: it begins or ends before this window, in the order of time, None where it is not one
+    stretch of time; begins: whether the effects begin there or end."""
 
     part: Part
     at: int | None = None
     begins: bool = True
 
     def variation(self, runs: Sequence[Run]) -> Variation | None:
-        """How an effect that acts in the part alone varies; None where the part consists of whole runs."""
-        if self.at is None:
-            return None
-        edge = self.part.where if self.begins else self.part.rest
-        run = min(edge)
-        other = (self.part.rest if self.begins else self.part.where).get(run)
-        start = float(runs[run].t[0])
-        at = Instant(runs[run].name, start if other is None else 0.5 * (other[1] + edge[run][0]))
-        return Variation(since=at) if self.begins else Variation(until=at)
+        """How an effect that acts in the part alone varies; None where it acts in some runs between others."""
+        where, rest = self.part.where, self.part.rest
+        both = sorted(where.keys() & rest.keys())
+        if both:  # the run in which it begins or ends
+            run = both[0]
+            edges = (rest[run][1], where[run][0]) if self.begins else (where[run][1], rest[run][0])
+            at = Instant(runs[run].name, 0.5 * (edges[0] + edges[1]))
+            return Variation(since=at) if self.begins else Variation(until=at)
+        for early, late, begins in ((rest, where, True), (where, rest, False)):
+            if max(early) < min(late):
+                at = Instant(runs[min(late)].name, float(runs[min(late)].t[0]))
+                return Variation(since=at) if begins else Variation(until=at)
+        return None
 
 
 def splits(prepared: Prepared, refined: Refined) -> list[Split]:
@@ -94,6 +98,20 @@ def sharpened(line: Timeline, split: Split, inside: np.ndarray, outside: np.ndar
     return next(iter(_at(line, n, split.begins, *lost)), split)
 
 
+def with_held_runs(line: Timeline, part: Part, free: np.ndarray, inside: np.ndarray, outside: np.ndarray) -> Part:
+    """The part with the runs of which no fit has seen any window, free (W,) bool, and of which it is not known whether
+    they lie in it: by the squared errors (W,) of the first half of each, which is then no longer judged."""
+    for i in np.unique(line.run):
+        mine = np.flatnonzero(line.run == i)
+        known = (part.inside(line) | part.outside(line))[mine]
+        if free[mine].any() or known.any() or len(mine) < 2:
+            continue
+        first = mine[: len(mine) // 2]
+        acts = bool(inside[first].sum() < outside[first].sum())
+        part = part.with_run(int(i), float(line.start[mine[len(first)]]), acts)
+    return part
+
+
 def _at(line: Timeline, n: int, begins: bool, lost_before: int = 0, lost_after: int = 0) -> list[Split]:
     """The split before a window of these; so many windows on either side of it belong to neither. None at an end."""
     last, first = n - 1 - lost_before, n + lost_after
@@ -101,7 +119,10 @@ def _at(line: Timeline, n: int, begins: bool, lost_before: int = 0, lost_after: 
         return []
     ends = (int(line.run[last]), float(line.start[last] + line.horizon))
     starts = (int(line.run[first]), float(line.start[first]))
-    return [Split((after if begins else before)(ends, starts, len(line.runs)), n, begins)]
+    if ends[0] == starts[0]:
+        return [Split((after if begins else before)(ends, starts, len(line.runs)), n, begins)]
+    sides = [np.unique(line.run[: last + 1]), np.unique(line.run[first:])]
+    return [Split(in_runs(*(reversed(sides) if begins else sides)), n, begins)]
 
 
 def _by_level(line: Timeline, square: np.ndarray, settings: PartSettings) -> list[Split]:
@@ -116,7 +137,8 @@ def _by_level(line: Timeline, square: np.ndarray, settings: PartSettings) -> lis
     ends = np.cumsum([np.count_nonzero(line.run == i) for i in ranked])[:-1]
     step = _step(np.concatenate([level[line.run == i] for i in ranked]), ends, settings)
     if step is not None:
-        out.append(Split(in_runs(ranked[int(np.searchsorted(ends, step[0])) + 1 :], len(line.runs))))
+        first = int(np.searchsorted(ends, step[0])) + 1
+        out.append(Split(in_runs(ranked[first:], ranked[:first])))
     return out
 
 

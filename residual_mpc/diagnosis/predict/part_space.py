@@ -1,6 +1,6 @@
 """Hypotheses in which some effects act in a part of the runs alone."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 
 from residual_mpc.diagnosis.predict.space import Space
@@ -15,11 +15,18 @@ class PartSpace(Space):
 
     def settings(self, hypotheses: Sequence[Values]) -> Settings:
         """One row per hypothesis, with the values outside the part beside those in it."""
-        inside = super().settings(hypotheses)
-        rest = [{k: v for k, v in h.items() if k.term not in self.partly} for h in hypotheses]
-        if all(len(r) == len(h) for r, h in zip(rest, hypotheses, strict=True)):
-            return inside
-        return replace(inside, later=super().settings(rest))
+        return in_and_outside(hypotheses, self.partly, super().settings)
+
+
+def in_and_outside(
+    hypotheses: Sequence[Values], partly: frozenset[Term], settings: Callable[[Sequence[Values]], Settings]
+) -> Settings:
+    """The settings of hypotheses of which these terms do nothing outside a part of the runs."""
+    inside = settings(hypotheses)
+    rest = [{k: v for k, v in h.items() if k.term not in partly} for h in hypotheses]
+    if all(len(r) == len(h) for r, h in zip(rest, hypotheses, strict=True)):
+        return inside
+    return replace(inside, later=settings(rest))
 
 
 def part_space(space: Space, partly: frozenset[Term]) -> PartSpace:

@@ -90,12 +90,12 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
 
 
 def to_model(d: Diagnosis) -> dict[str, Any]:
-    """The augmented model: every value that differs from the nominal one."""
+    """The augmented model: every value that differs from the nominal one at the end of the runs."""
     outliers = any(not BY_NAME[c.term.effect].fitted for c in d.causes)
     return {
         "schema": MODEL_SCHEMA,
         "robot": d.robot,
-        "values": _rows(d.values),
+        "values": _rows(d.at_the_end),
         "leaves_out_outliers": outliers,
     }
 

@@ -162,7 +162,8 @@ class Setup:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The whole answer."""
+    """The whole answer. partly: the effects that act in a part of the runs alone: on windows of `Block.later` they do
+    nothing."""
 
     robot: str
     verdict: Verdict
@@ -191,6 +192,13 @@ class Diagnosis:
     next_experiment: dict[str, object] | None
     values: Values
     notes: tuple[str, ...]
+    partly: frozenset[Term] = frozenset()
+
+    @property
+    def at_the_end(self) -> Values:
+        """The values without the effects that ended in the middle of the runs."""
+        ended = {c.term for c in self.causes if c.term in self.partly and c.variation and c.variation.until}
+        return {k: v for k, v in self.values.items() if k.term not in ended}
 
 
 @dataclass(frozen=True)

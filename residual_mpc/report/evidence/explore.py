@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.data.gap import gap_of
+from residual_mpc.diagnosis.predict.part_space import in_and_outside
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.records import DiagnosisResult, Estimate
 from residual_mpc.effects.library import BY_NAME
@@ -108,8 +109,8 @@ def slider_values(knob: Knob, estimate: Estimate) -> Array:
 
 
 def _settings(made: DiagnosisResult, rows: Sequence[Values]) -> Settings:
-    robot = made.data.blocks[0].robot
-    return assemble(rows, Targets(robot))
+    slots = Targets(made.data.blocks[0].robot)
+    return in_and_outside(rows, made.diagnosis.partly, lambda some: assemble(some, slots))
 
 
 def _windows(made: DiagnosisResult, held: np.ndarray) -> list[int]:

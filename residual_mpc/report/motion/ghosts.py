@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Block, Dataset
+from residual_mpc.diagnosis.predict.part_space import in_and_outside
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.records import DiagnosisResult
 from residual_mpc.models.drawing import Motion
-from residual_mpc.models.settings import Values, assemble
+from residual_mpc.models.settings import Term, Values, assemble
 from residual_mpc.models.targets import Targets
 
 FRAMES = 25
@@ -61,7 +62,7 @@ def ghosts(made: DiagnosisResult, window: int, frames: int = FRAMES) -> Ghosts:
     if made.diagnosis.causes:
         corrected = {
             **known(made.after[window]),
-            **_replayed(data, window, made.diagnosis.values, others, instants),
+            **_replayed(data, window, made.diagnosis.values, others, instants, made.diagnosis.partly),
         }
     motion = {c: measured(c) if c in seen else predicted[c] for c in wanted}
     return Ghosts(motion, predicted, corrected, others, float(instants[-1]))
@@ -73,16 +74,22 @@ def block_of(data: Dataset, window: int) -> Block:
 
 
 def _replayed(
-    data: Dataset, window: int, values: Values, channels: tuple[str, ...], instants: np.ndarray
+    data: Dataset,
+    window: int,
+    values: Values,
+    channels: tuple[str, ...],
+    instants: np.ndarray,
+    partly: frozenset[Term] = frozenset(),
 ) -> dict[str, np.ndarray]:
-    """Channels without samples in the window, replayed under these values: channel -> (F,)."""
+    """Channels without samples in the window, replayed under these values: channel -> (F,). partly: effects that act in
+    a part of the runs alone."""
     if not channels:
         return {}
     one = data.take(np.arange(data.count) == window)
     new = tuple(c for c in channels if c not in one.channels)
     one = replace(one, channels=(*one.channels, *new))
     slots = Targets(one.blocks[0].robot)
-    found = predict(one, assemble([values], slots))[0, 0]
+    found = predict(one, in_and_outside([values], partly, lambda some: assemble(some, slots)))[0, 0]
     return {c: _at(instants, one.t[0], found[:, one.channels.index(c)]) for c in channels}
 
 

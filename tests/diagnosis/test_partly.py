@@ -1,0 +1,161 @@
+"""Effects that act in a part of the runs alone are named with that part, and no others are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from oracles.rover_log import SIGMA, rover_run
+
+from plants.diff_drive import DiffDrive
+from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.data.parts import after, before, in_runs, parted
+from residual_mpc.diagnosis.diagnose import diagnose
+from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.phases.splits import Split, _step, sharpened, timeline_of, with_held_runs
+from residual_mpc.diagnosis.predict.candidates import build_space
+from residual_mpc.diagnosis.predict.part_space import part_space
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.results.document import to_document
+from residual_mpc.diagnosis.results.settings import PartSettings
+from residual_mpc.logs.run import Run
+from residual_mpc.models.settings import Knob
+
+ROVER = DiffDrive("rover", 0.033, 0.16)
+TRACK, LAG = Knob("track_width", None, "scale"), Knob("actuator_lag", None, "time_constant")
+WIDE: dict[str, dict[str, float]] = {"track_width": {"scale": 1.3}}
+SLOW: dict[str, dict[str, float]] = {"actuator_lag": {"time_constant": 0.15}}
+AT = 8.0  # s
+Faults = Mapping[str, Mapping[str, float]]
+
+
+def switched(name: str, first: Faults, then: Faults, seed: int) -> Run:
+    """A rover whose faults change at the instant AT: the second log, moved to where the first one ends."""
+    one, other = rover_run(name, first, seed=seed), rover_run(name, then, seed=seed)
+    late, k = one.t >= AT, int(np.searchsorted(one.t, AT))
+    x, y, heading = (one.columns[f"pose.{c}"] for c in ("x", "y", "theta"))
+    p, q, turned = (other.columns[f"pose.{c}"] for c in ("x", "y", "theta"))
+    angle = heading[k] - turned[k]
+    c, s = np.cos(angle), np.sin(angle)
+    moved = {
+        "pose.x": x[k] + c * (p - p[k]) - s * (q - q[k]),
+        "pose.y": y[k] + s * (p - p[k]) + c * (q - q[k]),
+        "pose.theta": turned + angle,
+    }
+    return replace(one, columns={c: np.where(late, moved.get(c, v), v) for c, v in one.columns.items()})
+
+
+def answered(runs: list[Run]) -> dict[str, Any]:
+    only = ("track_width", "actuator_lag", "wheel_radius", "command_delay", "dead_zone")
+    made = diagnose(runs, [ROVER] * len(runs), SIGMA, (), Options(only=only), np.random.default_rng(0))
+    return to_document(made.diagnosis)
+
+
+@pytest.fixture(scope="module")
+def begun() -> dict[str, Any]:
+    """A lag in all runs; the track is wide from the middle of the third run on."""
+    both = {**SLOW, **WIDE}
+    runs = [rover_run(f"r{i}", SLOW, seed=i) for i in range(2)]
+    return answered([*runs, switched("r2", SLOW, both, 2), *(rover_run(f"r{i}", both, seed=i) for i in (3, 4))])
+
+
+def test_an_effect_that_begins_is_named_with_its_instant(begun: dict[str, Any]) -> None:
+    assert begun["verdict"] == "effects"
+    track, lag = (next(e for e in begun["explanation"] if e["effect"] == k.effect) for k in (TRACK, LAG))
+    assert track["parameters"]["scale"]["value"] == pytest.approx(1.3, abs=0.02) and track["probability"] > 0.9
+    assert track["since"]["run"] == "r2" and abs(track["since"]["t"] - AT) <= 2.0  # a held-out stretch may lie there
+    assert lag["parameters"]["time_constant"]["value"] == pytest.approx(0.15, abs=0.02)
+    assert "since" not in lag and "by_run" not in lag
+    assert {v["effect"] for v in begun["model"]["values"]} == {TRACK.effect, LAG.effect}
+    assert begun["gap"]["after"] < 1.3 * begun["gap"]["noise_floor"]
+
+
+def test_an_effect_that_ends_is_not_in_the_model_at_the_end() -> None:
+    runs = [*(rover_run(f"r{i}", WIDE, seed=i) for i in range(2)), switched("r2", WIDE, {}, 2)]
+    found = answered([*runs, *(rover_run(f"r{i}", {}, seed=i) for i in (3, 4))])
+    (track,) = found["explanation"]
+    assert track["effect"] == TRACK.effect and track["until"]["run"] == "r2" and abs(track["until"]["t"] - AT) <= 2.0
+    assert found["verdict"] == "effects" and found["model"]["values"] == []
+    assert any("model.json leaves it out" in note for note in found["notes"])
+
+
+def test_an_effect_in_some_runs_is_named_with_these() -> None:
+    found = answered([rover_run(f"r{i}", WIDE if i in (1, 4) else {}, seed=i) for i in range(6)])
+    (track,) = found["explanation"]
+    assert track["effect"] == TRACK.effect and track["parameters"]["scale"]["value"] == pytest.approx(1.3, abs=0.02)
+    assert {run for run, size in track["by_run"].items() if size != 1.0} == {"r1", "r4"}
+
+
+def test_a_steady_effect_has_no_part() -> None:
+    """Even where the robot stands in half of the runs."""
+    runs = [rover_run(f"r{i}", WIDE, seed=i) for i in range(2)]
+    still = [replace(r, name=f"still{i}", columns=_standing(r)) for i, r in enumerate(runs)]
+    found = answered([*still, *runs])
+    (track,) = found["explanation"]
+    assert not {"since", "until", "by_run"} & track.keys()
+
+
+def _standing(run: Run) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(5)
+    return {c: SIGMA[c] * rng.standard_normal(v.size) if c in SIGMA else 0.0 * v for c, v in run.columns.items()}
+
+
+def test_the_windows_across_the_instant_lie_in_neither_side() -> None:
+    data = build_dataset([rover_run(f"r{i}", {}, seed=i) for i in range(3)], [ROVER] * 3, SIGMA)
+    part = after((1, 7.5), (1, 7.5), 3)
+    inside, outside = part.inside(data), part.outside(data)
+    assert inside[data.run == 2].all() and outside[data.run == 0].all()
+    assert (data.run == 1)[~inside & ~outside].all() and (~inside & ~outside).sum() == 1
+    reverse = before((1, 7.5), (1, 7.5), 3)
+    assert np.array_equal(reverse.inside(data), outside) and np.array_equal(reverse.outside(data), inside)
+    some = in_runs([0, 2], [1])
+    assert np.array_equal(some.inside(data), data.run != 1) and np.array_equal(some.outside(data), data.run == 1)
+
+
+def test_a_held_out_run_is_judged_on_its_second_half() -> None:
+    data = build_dataset([rover_run(f"r{i}", {}, seed=i) for i in range(3)], [ROVER] * 3, SIGMA)
+    line, _ = timeline_of(data)
+    free, large, small = line.run != 2, np.ones(line.run.size), np.full(line.run.size, 0.1)
+    part = with_held_runs(line, in_runs([1], [0]), free, small, large)
+    assert part.where[2][0] == pytest.approx(10.0) and 2 not in part.rest
+    part = with_held_runs(line, in_runs([1], [0]), free, large, small)
+    assert part.rest[2][0] == pytest.approx(10.0) and 2 not in part.where
+    assert with_held_runs(line, in_runs([1], [0, 2]), free, small, large) == in_runs([1], [0, 2])
+
+
+def test_an_effect_does_nothing_outside_its_part() -> None:
+    data = build_dataset([rover_run(f"r{i}", {}, seed=i) for i in range(3)], [ROVER] * 3, SIGMA)
+    part, space = after((1, 7.0), (1, 7.0), 3), build_space(data, ())
+    told = parted(data, part)
+    values = {TRACK: 1.2, LAG: 0.1}
+    row = part_space(space, frozenset({TRACK.term})).settings([values])
+    both, alone = predict(data, space.settings([values, {LAG: 0.1}]))
+    found, inside = predict(told, row)[0], part.inside(told)
+    assert told.count == data.count  # no window lies across 7 s
+    assert np.array_equal(found[inside], both[part.inside(data)], equal_nan=True)
+    assert np.array_equal(found[~inside], alone[part.outside(data)], equal_nan=True)
+    assert np.array_equal(row.take(np.array([0])).later.effects["actuator_lag"]["time_constant"], [[0.1, 0.1]])
+
+
+def test_a_level_changes_only_beyond_doubt() -> None:
+    rng, settings = np.random.default_rng(3), PartSettings()
+    places = np.arange(settings.fewest, 60 - settings.fewest + 1)
+    flat = rng.standard_normal(60)
+    assert _step(flat, places, settings) is None
+    assert _step(flat + 5.0 * (np.arange(60) >= 20), places, settings) == (20, True)
+    assert _step(flat - 5.0 * (np.arange(60) >= 20), places, settings) == (20, False)
+    assert _step(0.01 * flat + 0.5 * (np.arange(60) >= 20), places, settings) is None  # hardly larger
+
+
+def test_the_instant_moves_to_where_the_windows_show_it() -> None:
+    data = build_dataset([rover_run("r0", {}, seconds=30.0)], [ROVER], SIGMA)
+    line, _ = timeline_of(data)
+    true, n = 14, line.run.size
+    inside, outside = np.where(np.arange(n) < true, 1.0, 0.01), np.where(np.arange(n) < true, 0.01, 1.0)
+    inside[true] = 0.4  # the instant lies within this window
+    found = sharpened(line, Split(after((0, 12.0), (0, 12.0), 1), 12), inside, outside)
+    assert found.at == true and found.part.rest[0][1] == pytest.approx(line.start[true])
+    assert found.part.where[0][0] == pytest.approx(line.start[true] + line.horizon)
