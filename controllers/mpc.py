@@ -21,7 +21,7 @@ from controllers.qp import Qp, QpSolver, qp_solver
 from controllers.riccati import root_of, terminal_cost
 from controllers.rollout import Rollout, rollout
 from controllers.settings import MpcSettings
-from controllers.shapes import wrong_state
+from controllers.shapes import nothing_to_hold, wrong_state
 from controllers.soft import SoftRows, softened
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented
@@ -95,11 +95,15 @@ class Mpc:
     def step(self, state: PlanState, x: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, PlanState, MpcInfo]:
         """Command (nu,) from the estimated state x (nx,) and the outputs wanted at the next N samples (N, ny).
 
-        Raises BadInput for arrays of the wrong shape.
+        Where x or the reference is not finite, the shifted plan is sent; at the first sample with a finite x, the
+        command that holds the robot there. Raises BadInput for arrays of the wrong shape, and for an x that is not
+        finite at the first sample: no command is known to be safe then, least of all 0 for an arm that would fall.
         """
         begin = time.perf_counter()
         if np.shape(x) != (self.model.nx,) or np.shape(reference) != (self.horizon, len(self.model.stepped.tracked)):
             raise self._misshapen(np.shape(x), np.shape(reference))
+        if not (state.samples or np.isfinite(x).all()):
+            raise nothing_to_hold(self.model, x)
         state = self._begun(state, x)
         plan = self._within(np.concatenate([state.plan[1:], state.plan[-1:]]), state.sent)
         outcome: Outcome = "shifted"
@@ -144,7 +148,7 @@ class Mpc:
 
     def _begun(self, state: PlanState, x: np.ndarray) -> PlanState:
         """Before the first sample a robot is held where it is."""
-        if state.samples or not np.isfinite(x).all():
+        if state.samples:
             return state
         plan = np.clip(np.tile(self.model.hold(x), (self.horizon, 1)), self.low, self.high)
         return replace(state, plan=plan, sent=plan[0].copy())
@@ -207,9 +211,7 @@ class Mpc:
         soft = SoftRows(s.limits.soft, tuple(value for value, _ in found), tuple(slope for _, slope in found))
         return (softened(qp, soft), None) if s.solver == "osqp" else (qp, soft)
 
-    def _channel(
-        self, name: str, tracked: Along, states: Along, forces: Along | None
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _channel(self, name: str, tracked: Along, states: Along, forces: Along | None) -> tuple[np.ndarray, np.ndarray]:
         """(N,) a tracked quantity, a state or an actuator's force along the plan, and its derivative (N, m)."""
         at = self.model.stepped
         if name.startswith(EFFORT) and forces is not None:

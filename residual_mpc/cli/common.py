@@ -67,11 +67,11 @@ def names(given: Sequence[str]) -> tuple[str, ...]:
 
 
 def show_findings(findings: "Sequence[Finding]") -> None:
-    """Warnings on stderr; what is merely noted is counted."""
-    for f in findings:
-        if f.severity != "info":
-            click.echo(f"{f.severity}: {BadInput(f.message, f.where, f.remedy)}", err=True)
-    noted = sum(f.severity == "info" for f in findings)
+    """Warnings on stderr, each once; what is merely noted is counted."""
+    told = [f"{f.severity}: {BadInput(f.message, f.where, f.remedy)}" for f in findings if f.severity != "info"]
+    for line in dict.fromkeys(told):
+        click.echo(line, err=True)
+    noted = len({(f.message, f.where, f.remedy) for f in findings if f.severity == "info"})
     if noted:
         click.echo(
             f"note: {noted} further remark{'s' if noted > 1 else ''}; run `residual-mpc check` to list "

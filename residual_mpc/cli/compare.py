@@ -15,6 +15,7 @@ from residual_mpc.cli.common import (
     read,
     robot_option,
     seed_option,
+    show_findings,
     writable_folder,
 )
 from residual_mpc.cli.many import TakingMany
@@ -46,8 +47,9 @@ def compare(
 ) -> None:
     """Find what changed between two sets of runs of one robot, by how much, and what these runs cannot show."""
     writable_folder(out)
-    nominal, earlier = read(robot, before)
-    _, later = read(robot, after)
+    nominal, earlier = read(robot, before, quiet=True)
+    _, later = read(robot, after, quiet=True)
+    show_findings((*earlier.findings, *later.findings))
 
     from residual_mpc.api.comparison import compare as run_comparison
 

@@ -1,5 +1,7 @@
-"""Progress on stderr: a bar on a terminal, plain lines elsewhere, and in neither a long silence."""
+"""Progress on stderr: a bar on a terminal, plain lines elsewhere, and in neither a long silence; for a program that
+runs for days, one line that is rewritten on a terminal, and nothing elsewhere."""
 
+import shutil
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -129,3 +131,23 @@ def _lines(quiet: float, pace: Pace) -> Iterator[Progress]:
     finally:
         over.set()
         reminder.join()
+
+
+class StatusLine:
+    """The stage and its share on one line of a terminal, which each stage rewrites. Nothing is written where stderr is
+    no terminal. What is printed beside it comes after `erase`."""
+
+    def __init__(self) -> None:
+        self._shown = 0  # characters
+
+    def __call__(self, stage: str, done: float) -> None:
+        if not sys.stderr.isatty():
+            return
+        line = f"[{done:4.0%}] {stage}"[: shutil.get_terminal_size().columns - 1]
+        click.echo(f"\r{line.ljust(self._shown)}", err=True, nl=False)
+        self._shown = len(line)
+
+    def erase(self) -> None:
+        if self._shown:
+            click.echo(f"\r{' ' * self._shown}\r", err=True, nl=False)
+            self._shown = 0

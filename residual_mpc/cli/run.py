@@ -132,7 +132,7 @@ def _show(title: str, result: dict[str, Any]) -> None:
         h2 = c["h2_norm"].values() if isinstance(c["h2_norm"], dict) else [c["h2_norm"]]
         norm = " -> ".join("diverged" if v is None else f"{v:.3f}" for v in h2)
         share = (result["recovered"].get(name) or {}).get("value")
-        got = "" if share is None else f"   recovered {share:.0%}"
+        got = "" if share is None else f"   recovered {round(share, 2) + 0.0:.0%}"
         late = f", {c['late']} late" if c.get("late") else ""
         off = "diverged" if c["tracking_rmse"] is None else f"{1e3 * c['tracking_rmse']:6.2f} {unit}"
         click.echo(

@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 
 from residual_mpc.cli.common import horizon_option, json_option, robot_option, seed_option, writable_folder
-from residual_mpc.cli.progress import progress_bar
+from residual_mpc.cli.progress import StatusLine
 
 
 @click.command()
@@ -63,28 +63,29 @@ def watch(
     steady = read_runs(nominal, reference) if reference else None
     settings = WatchSettings(learn=60.0 * learn, every=every)
     live = None if page is None else LivePage(page, nominal.name)
-    with _stop_signal() as stopped, progress_bar() as progress:
+    status = StatusLine()
+    with _stop_signal(status.erase) as stopped:
         events = run_watch(
             nominal, logs, model=model, reference=steady, horizon=horizon, once=once, seed=seed, settings=settings,
-            progress=progress, stopped=stopped,
+            progress=status, stopped=stopped,
         )  # fmt: skip
-        for event in events:
-            document = None if event is None else document_of(event)
-            if live is not None:
-                live.take(document)
-            if document is None:
-                continue
-            if as_json:
-                click.echo(json.dumps(document, allow_nan=False))
-                continue
-            for line in event_lines(document):
-                click.echo(line)
+        try:
+            for event in events:
+                status.erase()
+                document = None if event is None else document_of(event)
+                if live is not None:
+                    live.take(document)
+                if document is not None:
+                    lines = [json.dumps(document, allow_nan=False)] if as_json else event_lines(document)
+                    click.echo("\n".join(lines))
+        finally:
+            status.erase()
 
 
 @contextmanager
-def _stop_signal() -> Iterator[Callable[[], bool]]:
+def _stop_signal(before_words: Callable[[], None]) -> Iterator[Callable[[], bool]]:
     """Whether Ctrl-C was pressed or SIGTERM came: the watch then ends with its summary. A second Ctrl-C stops at
-    once."""
+    once. before_words: called before the first is acknowledged."""
     stop = False
 
     def told(number: int, frame: object) -> None:
@@ -92,6 +93,7 @@ def _stop_signal() -> Iterator[Callable[[], bool]]:
         if stop:
             raise KeyboardInterrupt
         stop = True
+        before_words()
         click.echo("ending the watch; Ctrl-C again stops at once", err=True)
 
     before = {number: signal.signal(number, told) for number in (signal.SIGINT, signal.SIGTERM)}

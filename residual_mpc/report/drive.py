@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from residual_mpc.report.evidence.evidence import Array, Clip, Evidence
+from residual_mpc.report.figures.controllers import line_of
 from residual_mpc.report.figures.tracking import error_over_time, paths
 from residual_mpc.report.page import Frame, page
 from residual_mpc.report.sections.motion import encoded
@@ -16,12 +17,13 @@ from residual_mpc.report.words.numbers import listed, number, percent
 Document = Mapping[str, Any]  # result.json
 
 NAME = "drive.html"
-NOMINAL, CORRECTED, ORACLE = "nominal", "augmented", "oracle"
-KINDS = {NOMINAL: "before", ORACLE: "floor"}  # colours of the bars; all others are corrected models
+NOMINAL, CORRECTED = "nominal", "augmented"
+NETWORKS = ("network", "online")  # corrected models without named effects
 WORDS = {
     "nominal": "nominal model", "augmented": "corrected model", "effects": "named effects alone",
     "network": "network alone", "online": "network that learns while driving", "oracle": "true model",
 }  # fmt: skip
+SUBJECTS = {"network": "The network alone", "online": "Learning while driving"}
 CLOSE = 0.02  # share of the error that two controllers may differ by and still be called equal
 
 
@@ -79,12 +81,39 @@ def _error(document: Document, name: str) -> float | None:
     return None if error is None else float(error)
 
 
+def _without_help(document: Document) -> list[str]:
+    """A sentence for each network with which the robot drives no better than with the nominal model."""
+    nominal, unit = _error(document, NOMINAL), f"m{document.get('unit', 'm')}"
+    out = []
+    for name in NETWORKS:
+        if name not in document["controllers"] or nominal is None:
+            continue
+        error, what = _error(document, name), SUBJECTS[name]
+        if error is None:
+            out.append(f"{what} lost the path, which the nominal model did not.")
+        elif error >= (1.0 - CLOSE) * nominal:
+            effect = "did harm" if error > (1.0 + CLOSE) * nominal else "did not help"
+            errors = f"{number(1e3 * error)} {unit} against {number(1e3 * nominal)} {unit} with the nominal model"
+            out.append(f"{what} {effect}: {errors}.")
+    return out
+
+
+def _same_paths(driven: Sequence[Driven]) -> list[tuple[str, str]]:
+    """Pairs of controllers that drove alike, in words: one line covers the other."""
+    pairs = ((a, b) for k, a in enumerate(driven) for b in driven[k + 1 :])
+    return [
+        (WORDS.get(a.name, a.name), WORDS.get(b.name, b.name))
+        for a, b in pairs
+        if np.array_equal(a.driven, b.driven) and np.array_equal(a.error, b.error)
+    ]
+
+
 def _verdict(document: Document) -> Section:
     errors = {name: _error(document, name) for name in document["controllers"]}
     largest = max((e for e in errors.values() if e is not None), default=0.0) or 1.0
     unit = f"m{document.get('unit', 'm')}"
     bars = [
-        (KINDS.get(n, "after"), WORDS.get(n, n), "lost the path" if e is None else f"{number(1e3 * e)} {unit}",
+        (line_of(n).colour, WORDS.get(n, n), "lost the path" if e is None else f"{number(1e3 * e)} {unit}",
          0.0 if e is None else e / largest)
         for n, e in errors.items()
     ]  # fmt: skip
@@ -94,7 +123,7 @@ def _verdict(document: Document) -> Section:
         title="Better" if better(document) else "Not better",
         headline=drive_sentence(document),
         bars=bars,
-        oracle=ORACLE in errors,
+        without_help=_without_help(document),
         share=(document["recovered"].get(_best(document)) or {}).get("value"),
         interval=(document["recovered"].get(_best(document)) or {}).get("ci95"),
         seeds=document["seeds"],
@@ -121,7 +150,8 @@ def _tracking(document: Document, driven: Sequence[Driven]) -> Section | None:
     unit = document.get("unit", "m")
     body = render(
         "drive/tracking.html.jinja", paths=paths(driven, unit, "paths"), error=error_over_time(driven, unit, "error"),
-        names=[(d.name, WORDS.get(d.name, d.name)) for d in driven], seeds=document["seeds"],
+        names=[(line_of(d.name).swatch(), WORDS.get(d.name, d.name)) for d in driven],
+        same=_same_paths(driven), seeds=document["seeds"],
     )  # fmt: skip
     return Section("tracking", "The paths and the error over time", body)
 
@@ -151,6 +181,6 @@ def _small(error: float | None) -> str:
 
 def _words(document: Document) -> Section:
     effects = [e["effect"].replace("_", " ") for e in (document.get("diagnosis") or {}).get("effects", [])]
-    oracle = ORACLE in document["controllers"]
-    body = render("drive/definitions.html.jinja", effects=listed(effects) if effects else "", oracle=oracle)
+    names = document["controllers"].keys()
+    body = render("drive/definitions.html.jinja", effects=listed(effects) if effects else "", names=names)
     return Section("definitions", "Definitions", body)

@@ -16,7 +16,8 @@ from residual_mpc.report.words.groups import group_sentence
 from residual_mpc.report.words.numbers import count, measure_interval, number, percent, percent_interval, plain
 from residual_mpc.report.words.rest import rest_sentence
 from residual_mpc.report.words.servo import motor_lines, servo_lines
-from residual_mpc.report.words.summary import sentence, surest_first, unseen
+from residual_mpc.report.words.summary import sentence, unseen
+from residual_mpc.report.words.uncertain import by_certainty, told_groups, uncertain_line
 
 Document = Mapping[str, Any]
 
@@ -25,19 +26,17 @@ def diagnosis_lines(document: Document) -> list[str]:
     """The verdict, then a line for each figure, cause, doubt and note that a reader needs."""
     explained = bool(document["explanation"])
     gap = document["gap"]
+    shown, uncertain = by_certainty(document)
     details = [
         *(horizon_line(one, explained) for one in horizons_of(gap)),
         *_new_readings(gap, explained),
         *_reference(gap),
         *_doubts(gap, explained),
         *_shrink(document),
-        *(
-            line
-            for effect in surest_first(document["explanation"])
-            for line in (_cause(effect), *_sizes(effect), *_motor(effect))
-        ),
-        *servo_lines(document),
-        *(group_sentence(group, document) for group in document.get("confounded") or []),
+        *(line for effect in shown for line in (_cause(effect), *_sizes(effect), *_motor(effect))),
+        *([uncertain_line(uncertain)] if uncertain else []),
+        *servo_lines(document, {effect["effect"] for effect in uncertain}),
+        *(group_sentence(group, document) for group in told_groups(document, uncertain)),
     ]
     if document.get("unlike_the_rest"):
         details.append(document["unlike_the_rest"]["note"])

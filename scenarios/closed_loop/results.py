@@ -11,18 +11,10 @@ from residual_mpc.closed_loop.metrics import h2_over_time, path_error
 from residual_mpc.diagnosis.results.document import to_document
 from residual_mpc.files import write_atomically
 from residual_mpc.models.protocol import Robot
+from residual_mpc.report.figures.controllers import line_of
 from scenarios.closed_loop.page import write_page
 from scenarios.closed_loop.task import ClosedLoopTask
 from scenarios.closed_loop.training_runs import TrainingOutcome
-
-COLOURS = {
-    "nominal": "#c0392b",
-    "effects": "#2471a3",
-    "network": "#b9770e",
-    "augmented": "#1e8449",
-    "online": "#7d3c98",
-    "oracle": "#7f8c8d",
-}
 
 
 def write_episodes(out: Path, comparison: Comparison) -> list[str]:
@@ -67,8 +59,8 @@ def _animation(path: Path, task: ClosedLoopTask, comparison: Comparison) -> None
     low, high = everything.min(axis=0) - room, everything.max(axis=0) + room
     axes.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x, m", ylabel="y, m")
     drives = "pose.theta" in first.poses
-    tails = {n: axes.plot([], [], color=COLOURS[n], lw=1.5, label=n)[0] for n in shown}
-    noses = {n: axes.plot([], [], color=COLOURS[n], lw=4.0, solid_capstyle="round")[0] for n in shown}
+    tails = {n: axes.plot([], [], label=n, **line_of(n).style())[0] for n in shown}
+    noses = {n: axes.plot([], [], color=line_of(n).colour_code, lw=4.0, solid_capstyle="round")[0] for n in shown}
     (wanted,) = axes.plot([], [], "x", color="black", ms=8)
     axes.legend(fontsize=8, loc="upper right")
     per_frame = max(1, round(0.2 / task.dt))
@@ -96,11 +88,11 @@ def _picture(path: Path, task: ClosedLoopTask, comparison: Comparison) -> None:
     first = next(iter(comparison.episodes.values()))[0]
     plane.plot(first.reference[:, 0], first.reference[:, 1], color="black", lw=0.8, ls="--", label="wanted")
     for name, episodes in comparison.episodes.items():
-        e, colour = episodes[0], COLOURS.get(name)
-        plane.plot(e.truth[:, 0], e.truth[:, 1], color=colour, lw=1.2, label=name)
-        error.plot(e.t, 1e3 * np.mean([path_error(x) for x in episodes], axis=0), color=colour, lw=1.0)
+        e, style = episodes[0], line_of(name).style()
+        plane.plot(e.truth[:, 0], e.truth[:, 1], label=name, **style)
+        error.plot(e.t, 1e3 * np.mean([path_error(x) for x in episodes], axis=0), **style)
         t, _ = h2_over_time(e)
-        norm.plot(t, np.mean([h2_over_time(x)[1] for x in episodes], axis=0), color=colour, lw=1.0)
+        norm.plot(t, np.mean([h2_over_time(x)[1] for x in episodes], axis=0), **style)
     plane.set(aspect="equal", xlabel="x, m", ylabel="y, m", title=f"{task.name}, first seed")
     plane.legend(fontsize=7)
     error.set(xlabel="t, s", ylabel="distance from the reference (mm)", title="tracking, mean over seeds")

@@ -16,8 +16,9 @@ from residual_mpc.closed_loop.metrics import h2_over_time, path_error
 from residual_mpc.files import write_atomically
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
+from residual_mpc.report.figures.controllers import line_of
 from scenarios.closed_loop.page import write_page
-from scenarios.closed_loop.results import COLOURS, write_episodes
+from scenarios.closed_loop.results import write_episodes
 from scenarios.own.units import unit_of
 
 FRAME, RATE = 0.1, 20  # s of motion per frame, frames per second: at twice the real speed
@@ -58,13 +59,13 @@ def _picture(path: Path, comparison: Comparison, unit: str, units: Sequence[str]
         axes.set_ylabel(f"{first.poses[i].partition('.')[2]} ({units[i]})", fontsize=7)
         axes.tick_params(labelsize=7, labelbottom=i == count - 1)
     for name, episodes in comparison.episodes.items():
-        colour = COLOURS.get(name)
+        style = line_of(name).style()
         for i, axes in enumerate(traces):
-            axes.plot(episodes[0].t, episodes[0].truth[:, i], color=colour, lw=1.0, label=name)
+            axes.plot(episodes[0].t, episodes[0].truth[:, i], label=name, **style)
         off = np.mean([path_error(e) for e in episodes], axis=0)
-        error.plot(episodes[0].t, 1e3 * off, color=colour, lw=1.0, label=name)
+        error.plot(episodes[0].t, 1e3 * off, label=name, **style)
         t, _ = h2_over_time(episodes[0])
-        norm.plot(t, np.mean([h2_over_time(e)[1] for e in episodes], axis=0), color=colour, lw=1.0)
+        norm.plot(t, np.mean([h2_over_time(e)[1] for e in episodes], axis=0), **style)
     traces[-1].set_xlabel("t (s)")
     error.set(ylabel=f"error (m{unit})", title="tracking, mean over seeds")
     error.legend(fontsize=7)
@@ -90,7 +91,9 @@ def _animation(path: Path, robot: CompiledRobot, comparison: Comparison) -> None
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     axes.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", ylabel="z (m)")
-    lines = {n: axes.plot([], [], "o-", ms=3, lw=1.5, color=COLOURS.get(n), label=n, alpha=0.8)[0] for n in shapes}
+    lines = {
+        n: axes.plot([], [], "o-", ms=3, lw=1.5, color=line_of(n).colour_code, label=n, alpha=0.8)[0] for n in shapes
+    }
     axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(lines), frameon=False)
 
     def draw(frame: int) -> list[Any]:

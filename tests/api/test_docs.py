@@ -230,6 +230,22 @@ def test_a_page_belongs_to_one_part_and_is_in_the_menu() -> None:
     assert pages == set(re.findall(r": (\S+\.md)$", text(HOUSE / "mkdocs.yml"), flags=re.M))
 
 
+def test_every_effect_is_listed_with_its_parameters_and_units() -> None:
+    from residual_mpc.effects.laws import KINDS
+    from residual_mpc.effects.library import LIBRARY
+
+    text = (DOCS / "reference" / "effects.md").read_text(encoding="utf-8")
+    rows: dict[str, str] = {}
+    for name, parameters in re.findall(r"^\| `(\w+)` \|([^|]*)\|", text, re.MULTILINE):
+        rows.setdefault(name, parameters)  # the first table has them all
+    for effect in LIBRARY:
+        for parameter in effect.parameters:
+            unit = "" if parameter.unit == "1" else parameter.unit
+            assert f"`{parameter.name}`" in rows[effect.name] and unit in rows[effect.name], (effect.name, parameter)
+    for kind in KINDS:
+        assert f"`{kind.name}`" in text or f"`{kind.name.removeprefix('fitted_law')}`" in text, kind.name
+
+
 def test_a_page_of_a_notebook_has_its_cells() -> None:
     """A stale page: make it again with `python -m benchmarks.notebook_pages`."""
     from benchmarks.notebook_pages import PAGES as RENDERED

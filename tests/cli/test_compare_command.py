@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from oracles.rover_log import ROBOT, rover_run, write_run
 
@@ -159,3 +160,15 @@ def test_help_names_both_sets(capsys: pytest.CaptureFixture[str]) -> None:
         main(["compare", "--help"])
     said = capsys.readouterr().out
     assert end.value.code == 0 and all(option in said for option in ("--before RUN...", "--after RUN...", "--json"))
+
+
+def test_remarks_on_both_sets_are_counted_in_one_note(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Each set had a note of its own, in the same words."""
+    for name in TRACKS:
+        (here / f"warm_{name}").mkdir()
+        for path in (here / name).iterdir():
+            table = pd.read_csv(path)
+            table.assign(temperature=20.0).to_csv(here / f"warm_{name}" / path.name, index=False)
+    assert call("--before", "warm_before", "--after", "warm_after", *ONLY, "--out", "once") == 0
+    notes = [line for line in capsys.readouterr().err.splitlines() if line.startswith("note: ")]
+    assert len(notes) == 1 and "further remark" in notes[0]

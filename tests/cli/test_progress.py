@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from residual_mpc.cli.progress import Pace, progress_bar, time_left, words_left
+from residual_mpc.cli.progress import Pace, StatusLine, progress_bar, time_left, words_left
 from residual_mpc.errors import BadInput
 from residual_mpc.files import write_atomically
 
@@ -114,3 +114,24 @@ def test_a_folder_that_cannot_be_made_is_a_users_fault(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(BadInput, match="cannot be written"):
         write_atomically(tmp_path / "file" / "a.txt", "x")
+
+
+def test_a_status_line_is_rewritten_and_erased(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    monkeypatch.setenv("COLUMNS", "24")
+    status = StatusLine()
+    status("searching for causes, a long stage", 0.8)
+    status("refining", 0.9)
+    status.erase()
+    status.erase()
+    second = "[ 90%] refining"
+    assert capsys.readouterr().err == f"\r[ 80%] searching for ca\r{second.ljust(23)}\r{' ' * len(second)}\r"
+
+
+def test_a_status_line_says_nothing_in_a_file(capsys: pytest.CaptureFixture[str]) -> None:
+    status = StatusLine()
+    status("searching", 0.8)
+    status.erase()
+    assert capsys.readouterr().err == ""

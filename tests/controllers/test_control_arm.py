@@ -175,12 +175,24 @@ def test_garbage_in_gives_a_command_within_limits(poison):
     mpc = build_mpc(arm(LATE), FAST)
     low, high = (np.array(v) for v in (CONTROL.limits.lower, CONTROL.limits.upper))
     path = circle_z()
-    for begin in (0, 1):  # before the first good sample, and after it
-        state = mpc.init()
-        for k in range(begin):
-            _, state, _ = mpc.step(state, mpc.model.start(path.begin()), path.path(DT * (k + 1 + np.arange(20))))
-        bad = mpc.model.start(path.begin())
-        bad[2] = poison
-        command, state, info = mpc.step(state, bad, path.path(DT * (1 + np.arange(20))))
-        assert info.outcome == "shifted" and np.isfinite(state.plan).all()
-        assert (command >= low).all() and (command <= high).all()
+    start, ahead = mpc.model.start(path.begin()), path.path(DT * (1 + np.arange(20)))
+    _, state, _ = mpc.step(mpc.init(), start, ahead)
+    bad = start.copy()
+    bad[2] = poison
+    command, state, info = mpc.step(state, bad, ahead)
+    assert info.outcome == "shifted" and np.isfinite(state.plan).all()
+    assert (command >= low).all() and (command <= high).all()
+
+
+@pytest.mark.parametrize("poison", [np.nan, np.inf])
+def test_a_first_state_that_is_not_finite_is_refused_and_a_first_reference_holds_the_arm(poison):
+    mpc = build_mpc(arm(LATE), FAST)
+    path = circle_z()
+    start, ahead = mpc.model.start(path.begin()), path.path(DT * (1 + np.arange(20)))
+    bad = start.copy()
+    bad[2] = poison
+    with pytest.raises(BadInput, match=f"finite at the first sample, when there is no plan .* got .* {poison}"):
+        mpc.step(mpc.init(), bad, ahead)
+    command, state, info = mpc.step(mpc.init(), start, np.full_like(ahead, poison))
+    assert info.outcome == "shifted" and state.samples == 1
+    np.testing.assert_array_equal(command, mpc.model.hold(start))

@@ -160,6 +160,8 @@ def test_what_a_command_of_a_geared_actuator_is(tmp_path: Path) -> None:
         "m1: a command of 1 gives 24 N m at the joint (N where it slides)",
         "v2: its command is 3 times the joint's velocity",
     ]
+    text = (tmp_path / "out" / "actuators.toml").read_text()
+    assert "stiffness = 0.0\n" in text and "-0.0" not in text
 
 
 def test_the_groups_are_keywords_of_isaac_lab(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from benchmarks.watch import SETTINGS as ROBOTS
 from benchmarks.watch import table
 from residual_mpc.cli.main import main
 from residual_mpc.errors import BadInput
+from residual_mpc.monitoring.cause import CauseFinder
 from residual_mpc.monitoring.events import document_of
 from residual_mpc.monitoring.settings import DetectionSettings, WatchSettings
 
@@ -66,6 +67,21 @@ def test_a_change_is_told_with_its_beginning(place: Path) -> None:
     found = next(e for e in events(place, "changed") if e["event"] == "change")
     assert found["since"]["run"] == "run1" and found["since"]["t"] < 20.0
     assert found["grew"] and found["gap"] > found["reference"] and found["unlike"] < 0.25
+
+
+def test_a_watch_that_is_not_on_a_terminal_prints_its_events_alone(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def find(self: CauseFinder, *_: object) -> dict[str, object]:
+        self.progress("searching for what changed", 0.8)
+        kept = dict.fromkeys(("changes", "confounded", "gap", "stretches", "next_experiment"))
+        return {"verdict": "same", "verdict_sentence": "Nothing changed.", **kept}
+
+    monkeypatch.setattr(CauseFinder, "find", find)
+    with pytest.raises(SystemExit):
+        main(["watch", "--robot", str(place / "robot.toml"), str(place / "changed"), "--once", "--learn", "4"])
+    said = capsys.readouterr()
+    assert "CAUSE since" in said.out and said.err == ""
 
 
 @pytest.mark.slow

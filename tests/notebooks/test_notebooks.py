@@ -95,7 +95,10 @@ def test_where():
     asked = text.split("ASKED|")[1]
     assert "command reversal" in asked and "large command" in asked, "what its text says of the kinds of motion"
     shares = dict(re.findall(r"'name': '(\w+)', 'share': ([\d.]+)", asked))
-    assert float(shares["actuator"]) > 0.5 and float(shares["contact"]) > float(shares["noise"])
+    assert float(shares["actuator"]) > 0.5, "what its text says of the stages"
+    rest = {k: float(v) for k, v in shares.items() if k != "actuator"}
+    assert max(rest, key=rest.get) == "contact"  # type: ignore[arg-type]
+    assert max(rest["noise"], rest["unexplained"]) < rest.get("command", 1.0)
     assert pictures == 3
 
 
@@ -115,6 +118,8 @@ def test_which_and_how_far():
     for effect, hidden, off in (("actuator_lag", 0.15, 0.02), ("track_width", 1.1, 0.02),
                                 ("wheel_radius_mismatch", 1.04, 0.01)):  # fmt: skip
         assert abs(number(rf"{effect}\s+\w+\s+found ([\d.]+)", text) - hidden) < off, effect
+    seconds = [float(v) for v in re.findall(r"(?:actuator_lag|command_delay)\s+\w+\s+found ([\d.]+)", text)]
+    assert abs(sum(seconds) - 0.165) < 0.01 and "nan" not in text, "its text says 165 ms, lag and delay together"
     straight = text.split("found")[-1]
     assert "wheel_radius_mismatch" in straight and "track_width" not in straight, "what its text says"
     assert number(r"actuator_lag: .* probability ([\d.]+)", straight) < 0.5

@@ -15,6 +15,7 @@ from oracles.rover_log import ROBOT, rover_run
 from report.filmed import filmed
 
 import residual_mpc as rm
+from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.records import Cause, DiagnosisResult, Estimate
 from residual_mpc.effects.laws import LISTED, curve_shape
@@ -24,7 +25,9 @@ from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.evidence.explore import VALUES, explore, slider_values
 from residual_mpc.report.report import compose
 from residual_mpc.report.sections import explore as section
+from residual_mpc.report.words.numbers import measure_each
 
+ROVER = DiffDrive("rover", 0.033, 0.16)
 KNOB = Knob("track_width", None, "scale")
 ESTIMATE = Estimate("scale", 1.1, (1.08, 1.13), "1")
 
@@ -43,7 +46,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> DiagnosisResult:
 
 
 def test_a_slider_runs_through_the_interval_and_beyond() -> None:
-    values = slider_values(KNOB, ESTIMATE)
+    values = slider_values(KNOB, ESTIMATE, [ROVER])
     assert len(values) == VALUES and values[VALUES // 2] == 1.1 and (np.diff(values) > 0).all()
     assert values[0] == pytest.approx(1.06) and values[-1] == pytest.approx(1.16)
 
@@ -51,8 +54,25 @@ def test_a_slider_runs_through_the_interval_and_beyond() -> None:
 def test_a_slider_stays_within_what_is_possible() -> None:
     """A lag is never negative, however wide its interval."""
     knob = Knob("actuator_lag", None, "time_constant")
-    values = slider_values(knob, Estimate("time_constant", 0.01, (0.001, 0.02), "s"))
+    values = slider_values(knob, Estimate("time_constant", 0.01, (0.001, 0.02), "s"), [ROVER])
     assert values[0] == 0.0
+
+
+def test_a_slider_does_not_take_away_more_friction_than_the_model_has() -> None:
+    """Of any of the robots, which differ by their variants."""
+    knob, estimate = (
+        Knob("viscous_friction", "j1", "coefficient"),
+        Estimate("coefficient", 0.1, (-0.2, 0.2), "N m s/rad"),
+    )
+    robots: list[Any] = [SimpleNamespace(bounds=lambda *_, low=low: (low, np.inf)) for low in (-0.3, -0.05)]
+    values = slider_values(knob, estimate, robots)
+    assert values[0] == -0.05 and values[VALUES // 2] == 0.1 and (np.diff(values) > 0).all()
+    assert slider_values(knob, estimate, robots[:1])[0] == -0.3
+
+
+def test_the_labels_of_a_slider_differ() -> None:
+    assert measure_each([1.031, 1.0345, 1.0382], "1") == ["1.031", "1.034", "1.038"]
+    assert measure_each([0.01, 0.01, 0.02], "s") == [f"{v}\N{NO-BREAK SPACE}ms" for v in (10, 10, 20)]
 
 
 def test_the_curves_are_replays_of_the_model_with_these_values(made: DiagnosisResult) -> None:

@@ -9,6 +9,7 @@ from test_report import Page
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.report.drive import Driven, better, drive_page, drive_sentence
+from residual_mpc.report.figures.controllers import LINES
 from residual_mpc.report.learned import helps, learned_page, learned_sentence
 from residual_mpc.report.motion.drive_film import FRAMES, film_drive
 from residual_mpc.report.words.learned import learned_lines
@@ -154,6 +155,35 @@ def test_a_drive_shows_every_controller_and_what_was_recovered():
     for words in ("nominal model", "corrected model", "true model", "network that learns while driving"):
         assert words in text
     assert "recovers 99 %" in text and "0.3 → 0.1" in text and "rover: eight <2>" in text
+
+
+def test_the_lines_of_all_controllers_differ_without_colour_as_well():
+    lines = [(line.width, line.dashes) for line in LINES.values()]
+    assert len(set(lines)) == len(lines) == len({line.colour for line in LINES.values()})
+    page = drive_page(RUN, [driven(n) for n in LINES], None)
+    for line in LINES.values():
+        assert f"stroke:var(--{line.colour});stroke-width:{line.width:g}" in page  # in the legend
+        assert page.count(f"var(--{line.colour})") > 2  # and in the figures
+    assert "The named effects alone and the network alone drove exactly the same paths" in Page(page).text
+
+
+@pytest.mark.parametrize(
+    ("online", "said"),
+    [(0.0131, "Learning while driving did not help: 13.1 mm against 13 mm with the nominal model."),
+     (0.02, "Learning while driving did harm: 20 mm against 13 mm"), (None, "Learning while driving lost the path"),
+     (0.002, "")],
+)  # fmt: skip
+def test_a_network_without_use_is_named(online, said):
+    run = {**RUN, "controllers": {**RUN["controllers"], "online": controller(online)}}
+    text = Page(drive_page(run, [], None)).text.replace("\N{NO-BREAK SPACE}", " ")
+    assert said in text and ("Learning while driving" in text) == bool(said)
+
+
+@pytest.mark.parametrize(("share", "said"), [(1.02, True), (0.99, False)])
+def test_more_than_all_recovered_is_explained(share, said):
+    run = {**RUN, "recovered": {"augmented": {"value": share, "ci95": [share - 0.01, share + 0.01]}}}
+    text = Page(drive_page(run, [], None)).text
+    assert ("More than 100 % is possible" in text) == said and "It is not an upper bound" in text
 
 
 def test_the_film_of_a_drive_has_the_reference_and_both_robots():

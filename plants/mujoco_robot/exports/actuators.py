@@ -41,8 +41,8 @@ def actuator_values(robot: CompiledRobot, settings: Settings) -> tuple[ActuatorV
         limit = min(limits)
         out.append(ActuatorValues(
             actuator=name, joint=joint, kind=kind, gear=float(gear[i]),
-            stiffness=float(-bias[i, 1] * gear[i] ** 2),
-            damping=float(-bias[i, 2] * gear[i] ** 2),
+            stiffness=float((0.0 - bias[i, 1]) * gear[i] ** 2),  # -0.0 would be written for a motor without a servo
+            damping=float((0.0 - bias[i, 2]) * gear[i] ** 2),
             armature=float(value("dof_armature")[dof]),
             friction=float(value("dof_frictionloss")[dof]),
             viscous_friction=float(np.atleast_1d(value("dof_damping")[dof])[0]),

@@ -10,6 +10,7 @@ from residual_mpc.diagnosis.predict.part_space import in_and_outside
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.records import DiagnosisResult, Estimate
 from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Knob, Settings, Term, Values, assemble
 from residual_mpc.models.targets import Targets
 from residual_mpc.report.evidence.evidence import Array
@@ -78,7 +79,8 @@ def explore(made: DiagnosisResult) -> Exploration | None:
     held = np.flatnonzero(made.held if made.held.any() else np.ones(made.data.count, dtype=bool))
     if not known or not len(held):
         return None
-    grids = [slider_values(knob, estimate) for knob, _, estimate in known]
+    robots = [block.robot for block in made.data.blocks]
+    grids = [slider_values(knob, estimate, robots) for knob, _, estimate in known]
     final = made.diagnosis.values
     rows = [{**final, knob: float(v)} for (knob, _, _), grid in zip(known, grids, strict=True) for v in grid]
     shown = _windows(made, held)
@@ -97,14 +99,20 @@ def explore(made: DiagnosisResult) -> Exploration | None:
     return Exploration(sliders, views, data.count)
 
 
-def slider_values(knob: Knob, estimate: Estimate) -> Array:
-    """(VALUES,) from below the 95 % interval to above it, within what is physically possible."""
+def slider_values(knob: Knob, estimate: Estimate, robots: Sequence[Robot]) -> Array:
+    """(VALUES,) from below the 95 % interval to above it, within what is physically possible for each of the robots: a
+    friction that is added may not make the joint's own negative."""
     (parameter,) = (p for p in BY_NAME[knob.effect].parameters if p.name == knob.parameter)
+    limits = [r.bounds(knob.effect, knob.parameter, knob.target) for r in robots]
+    least, most = (
+        min(max(parameter.lower, *(low for low, _ in limits)), estimate.value),
+        max(min(parameter.upper, *(high for _, high in limits)), estimate.value),
+    )
     low, high = estimate.ci95
     half = VALUES // 2
     ends = [estimate.value + (1.0 + BEYOND) * (end - estimate.value) for end in (low, high)]
-    below = np.linspace(max(ends[0], parameter.lower), estimate.value, half + 1)
-    above = np.linspace(estimate.value, min(ends[1], parameter.upper), half + 1)
+    below = np.linspace(max(ends[0], least), estimate.value, half + 1)
+    above = np.linspace(estimate.value, min(ends[1], most), half + 1)
     return np.concatenate([below, above[1:]])
 
 

@@ -24,6 +24,9 @@ COLOURS = {
     "before": "#c2500a",
     "after": "#0b62b4",
     "floor": "#6d7885",
+    "effects": "#00805f",  # these three: controllers of a closed-loop run
+    "network": "#b14d8a",
+    "online": "#1a86bd",
 }
 
 SETTINGS: Any = {

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from residual_mpc.report.figures.controllers import line_of
 from residual_mpc.report.figures.inline import COLOURS, house_style, inline
 from residual_mpc.report.words.numbers import number
 
@@ -13,11 +14,6 @@ if TYPE_CHECKING:
 
     from residual_mpc.report.drive import Driven
 
-STYLES: dict[str, dict[str, Any]] = {
-    "nominal": {"color": COLOURS["before"], "ls": (0, (4, 1.6))},
-    "oracle": {"color": COLOURS["floor"], "ls": ":"},
-}
-CORRECTED: dict[str, Any] = {"color": COLOURS["after"]}
 PLANE = ("pose.x", "pose.y")
 CHANNELS = 4  # drawn of a reference that is no path in the plane
 
@@ -37,7 +33,7 @@ def paths(driven: "Sequence[Driven]", unit: str, name: str) -> "Markup":
             for d in driven[:1]:
                 _line(one, d.t, d.wanted, plane if flat else [k], color=COLOURS["ink"], lw=3.0, alpha=0.45)
             for d in driven:
-                _line(one, d.t, d.driven, plane if flat else [k], **STYLES.get(d.name, CORRECTED))
+                _line(one, d.t, d.driven, plane if flat else [k], **line_of(d.name).style())
             one.set_ylabel("y (m)" if flat else f"{first.channels[k].partition('.')[2]} ({unit})")
         axes[-1].set_xlabel("x (m)" if flat else "time (s)")
         if flat:
@@ -53,7 +49,7 @@ def error_over_time(driven: "Sequence[Driven]", unit: str, name: str) -> "Markup
         figure = Figure(figsize=(5.4, 4.2), layout="constrained")
         axes = figure.add_subplot()
         for d in driven:
-            axes.plot(d.t, 1e3 * d.error, **STYLES.get(d.name, CORRECTED))
+            axes.plot(d.t, 1e3 * d.error, **line_of(d.name).style())
         axes.set(xlabel="time (s)", ylabel=f"distance from the reference (m{unit})")
         axes.set_ylim(bottom=0.0)
         axes.margins(x=0.01)

@@ -12,7 +12,8 @@ from residual_mpc.report.sections.section import Document, Section, render
 from residual_mpc.report.words.effects import remarks
 from residual_mpc.report.words.groups import member_name
 from residual_mpc.report.words.servo import motor_lines
-from residual_mpc.report.words.summary import SURE, surest_first
+from residual_mpc.report.words.summary import SURE
+from residual_mpc.report.words.uncertain import by_certainty, uncertain_line
 
 SHOWN = 10  # candidates in the table; the rest fold away
 RIVALS = 6  # alternatives listed; the document holds them all
@@ -24,14 +25,18 @@ def causes(document: Document, evidence: Evidence) -> Section | None:
     if not document["explanation"] and not candidates:
         return None
     since = partial(since_start, evidence)
+    shown, uncertain = by_certainty(document)
     rivals = sorted(document.get("rivals") or [], key=lambda rival: -rival["probability"])
     body = render(
         "sections/causes.html.jinja",
         verdict=document["verdict"],
+        count=len(document["explanation"]),
         explanation=[
             (effect, [*motor_lines(effect), *remarks(effect, since)], _picture(effect, f"law{k}"))
-            for k, effect in enumerate(surest_first(document["explanation"]))
+            for k, effect in enumerate([*shown, *uncertain])
         ],
+        certain=len(shown),
+        uncertain=uncertain_line(uncertain) if uncertain else "",
         sure=SURE,
         shown=candidates[:SHOWN],
         folded=candidates[SHOWN:],

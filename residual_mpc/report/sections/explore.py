@@ -11,7 +11,7 @@ from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.evidence.explore import Exploration, Slider
 from residual_mpc.report.sections.section import Document, Section, render
 from residual_mpc.report.words.effects import name_at
-from residual_mpc.report.words.numbers import measure, number, spelled
+from residual_mpc.report.words.numbers import measure_each, number, spelled
 
 DIGITS = 5  # of a drawn value
 
@@ -39,7 +39,7 @@ def _slider(index: int, s: Slider, found: Exploration) -> dict[str, Any]:
     return {
         "index": index,
         "name": name_at(effect) + (f", {s.estimate.name.replace('_', ' ')}" if more else ""),
-        "labels": [measure(v, s.estimate.unit) for v in s.values],
+        "labels": measure_each(s.values.tolist(), s.estimate.unit),
         "inside": [bool(low <= v <= high) for v in s.values],
         "gaps": [number(g) for g in s.gaps],
         "fitted": len(s.values) // 2,

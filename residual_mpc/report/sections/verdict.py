@@ -10,7 +10,8 @@ from residual_mpc.report.words.gaps import warnings
 from residual_mpc.report.words.groups import group_sentence
 from residual_mpc.report.words.numbers import interval_in, measure
 from residual_mpc.report.words.rest import rest_sentence
-from residual_mpc.report.words.summary import sentence, surest_first, unseen
+from residual_mpc.report.words.summary import sentence, unseen
+from residual_mpc.report.words.uncertain import by_certainty, told_groups
 
 TITLES = {
     "no_gap": "No gap",
@@ -41,7 +42,7 @@ def verdict(document: Document, evidence: Evidence) -> Section:
         shrink=document.get("shrink"),
         unseen=unseen(document["held_out"]),
         rest=rest_sentence(document["remainder"]) if document.get("remainder") else "",
-        doubts=[group_sentence(group, document) for group in document.get("confounded") or []],
+        doubts=[group_sentence(group, document) for group in told_groups(document, by_certainty(document)[1])],
         notes=document.get("notes") or [],
     )
     return Section("verdict", "Verdict", body)
@@ -52,7 +53,7 @@ def _changes(document: Document) -> tuple[list[Document], int]:
     are."""
     rows = [
         (place, rank, effect, name, parameter)
-        for rank, effect in enumerate(surest_first(document["explanation"]))
+        for rank, effect in enumerate(by_certainty(document)[0])
         for place, (name, parameter) in enumerate(numbers_of(effect).items())
     ]
     rows.sort(key=lambda row: row[:2])

@@ -13,6 +13,8 @@ SCALE = (
     (0.0, "unlikely"),
 )
 
+UNCERTAIN = 0.2  # probability below which an effect is listed, and not shown with its numbers
+
 
 def likelihood(probability: float) -> str:
     """The word for a probability from 0 to 1."""

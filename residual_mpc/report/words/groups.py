@@ -50,8 +50,8 @@ def group_sentence(group: Sequence[Member], document: Mapping[str, Any] | None =
     likelier = None if document is None else _likelier(group, document)
     if likelier is not None:
         return f"{text}; {likelier} is likelier."
-    together = None if document is None else _together(group, document)
-    return f"{text}." if together is None else f"{text}; one of them is present (probability {together:.2f})."
+    likely = None if document is None else together(group, document)
+    return f"{text}." if likely is None else f"{text}; one of them is present (probability {likely:.2f})."
 
 
 def or_else(effect: Mapping[str, Any], document: Mapping[str, Any]) -> str:
@@ -92,7 +92,7 @@ def _probabilities(document: Mapping[str, Any]) -> dict[tuple[str, str | None], 
     return {(c["effect"], c.get("target")): float(c["probability"]) for c in document.get("candidates") or ()}
 
 
-def _together(group: Sequence[Member], document: Mapping[str, Any]) -> float | None:
+def together(group: Sequence[Member], document: Mapping[str, Any]) -> float | None:
     """The probability that one of the members is there, where that is likely; None where it is not, where no member is
     named, or where members have no probability of their own, such as pairs. That of an effect counts what includes it,
     such as Stribeck friction for Coulomb friction and all targets for one: each counts once."""

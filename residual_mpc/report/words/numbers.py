@@ -60,13 +60,22 @@ def percent_interval(interval: Interval | None) -> str:
     return f"{percent(low)} to {percent(high)}"
 
 
-def measure(value: float | None, unit: str) -> str:
+def measure(value: float | None, unit: str, digits: int = 3) -> str:
     """A value with its unit: 0.081 s as 81 ms; radians carry their degrees; the unit 1 is left out."""
     if value is None or not math.isfinite(value):
         return "\N{EN DASH}"
     factor, shown = _scale(value, unit)
     degrees = f" ({number(math.degrees(value), 2)}{DEGREE})" if unit == "rad" else ""
-    return f"{number(value * factor)}{_suffix(shown)}{degrees}"
+    return f"{number(value * factor, digits)}{_suffix(shown)}{degrees}"
+
+
+def measure_each(values: Sequence[float], unit: str) -> list[str]:
+    """Values with their unit, with more digits where two of them would look alike."""
+    for digits in (3, 4, 5):
+        shown = [measure(v, unit, digits) for v in values]
+        if len(set(shown)) == len(set(values)):
+            break
+    return shown
 
 
 def measure_interval(value: float | None, interval: Interval | None, unit: str) -> str:

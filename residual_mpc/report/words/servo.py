@@ -1,11 +1,12 @@
 """A servo in words: what an effect would be on its motor, and what its owner can change."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from typing import Any
 
 from residual_mpc.effects.phrase import called
 from residual_mpc.effects.servo.changes import advice_on
 from residual_mpc.effects.servo.numbers import BY_NAME
+from residual_mpc.report.words.confidence import UNCERTAIN
 from residual_mpc.report.words.numbers import ARROW, listed, measure, measure_interval, number, percent
 
 Reading = Mapping[str, Any]  # an entry of "motor" of an effect in diagnosis.json
@@ -108,14 +109,14 @@ def noun_of(document: Mapping[str, Any]) -> str:
     return "actuator" if len(torques) > 1 else "motor" if True in torques else "servo"
 
 
-def servo_lines(document: Mapping[str, Any]) -> list[str]:
+def servo_lines(document: Mapping[str, Any], uncertain: Set[str] = frozenset()) -> list[str]:
     """A line a servo for a terminal: the numbers that the diagnosis changes, each beside the model's. What is the same
-    for all of several is said once."""
+    for all of several is said once. uncertain: effects whose numbers are left out."""
     said = {
         servo["actuator"]: [
             f"{_hedge(v)}{BY_NAME[v['name']].text} {nominal_text(v)} {ARROW} {value_text(v)}"
             for v in servo["values"]
-            if is_changed(v, servo)
+            if is_changed(v, servo) and not _is_uncertain(v, uncertain)
         ]
         for servo in document.get("servos") or []
     }
@@ -133,6 +134,12 @@ def _hedge(value: Mapping[str, Any]) -> str:
     """ "possibly " before a number whose effects are less likely than not."""
     probability = value.get("probability")
     return "possibly " if probability is not None and probability < STATED else ""
+
+
+def _is_uncertain(value: Mapping[str, Any], effects: Set[str]) -> bool:
+    """Whether only these effects, at a low probability, change a number."""
+    low = value.get("probability") is not None and value["probability"] < UNCERTAIN
+    return low and bool(value["effects"]) and set(value["effects"]) <= effects
 
 
 def _concerns(effect: Mapping[str, Any], servo: Mapping[str, Any], explanation: Sequence[Mapping[str, Any]]) -> bool:

@@ -33,6 +33,13 @@ def surest_first(effects: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]
     return sorted(effects, key=lambda effect: -_probability(effect))
 
 
+def in_sentence(effects: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """The effects of an explanation that the sentence names, the surest first; it counts the others."""
+    effects = surest_first(effects)
+    likely = [effect for effect in effects if _probability(effect) >= FAINT] or effects
+    return likely if len(likely) <= NAMED + 1 else likely[:NAMED]  # "1 more" is no shorter than the effect
+
+
 def unseen(held_out: Sequence[Any]) -> str:
     """What the figures were measured on: whole runs, or parts of runs, that were held out."""
     if not held_out:
@@ -105,8 +112,7 @@ def _unknown(document: Mapping[str, Any]) -> str:
 def _causes(document: Mapping[str, Any]) -> str:
     """The surest causes first; those below an even chance after the word "possibly"."""
     effects = surest_first(document["explanation"])
-    likely = [effect for effect in effects if _probability(effect) >= FAINT] or effects
-    said = likely if len(likely) <= NAMED + 1 else likely[:NAMED]  # "1 more" is no shorter than the effect
+    said = in_sentence(effects)
     clauses = {id(effect): _clause(effect, or_else(effect, document)) for effect in said}
     sure = [clauses[id(effect)] for effect in said if _probability(effect) >= SURE]
     maybe = [f"possibly {clauses[id(effect)]}" for effect in said if _probability(effect) < SURE]
