@@ -17,7 +17,7 @@ from residual_mpc.models.settings import Term, Values
 
 def instead_of_numbers(problem: Problem, fit: Fit, gone: tuple[Term, ...], settings: SearchSettings) -> Fit | None:
     """The set with one more effect, none of those `gone`, and without its optional numbers; None where it has none, or
-    no effect fits clearly better than these."""
+    no effect with as many numbers at most fits clearly better than these."""
     numbers, tuned = freed(fit.values), settings.rivals
     eligible = tuple(t for t in problem.space.candidates if t not in gone and problem.space.may_join(t, fit.terms))
     if not numbers or not eligible:
@@ -30,7 +30,8 @@ def instead_of_numbers(problem: Problem, fit: Fit, gone: tuple[Term, ...], setti
     rough = fit_all(
         problem, list(starts.values())[: tuned.looked_at], settings.additions.rough, rough=True, settings=settings.fit
     )
-    best = sorted((f for f in distinct(rough) if possible(f.values)), key=lambda f: f.cost)[: tuned.best]
+    fits = (f for f in distinct(rough) if possible(f.values) and len(f.knobs) <= len(fit.knobs))
+    best = sorted(fits, key=lambda f: f.cost)[: tuned.best]
     fits = fit_all(problem, [f.values for f in best], settings.steps.thorough_steps, settings=settings.fit)
     blocks = blocks_of(problem.data, settings=settings.fit)
     phi = dispersion(fit, blocks)

@@ -224,7 +224,19 @@ def _fits(
     ends = iter(closer(problem, small, raced, on_part, on_all, 4, rest, settings=settings))
     freely = iter(closer(problem, small, alone, NO_RACE, NO_RACE, 4, rest, settings=settings))
     as_they_are = iter(fit_all(problem, left, 0, rough=True, settings=settings.fit))
-    return [next(ends if n else freely if b else as_they_are) for n, b in zip(near, but_one, strict=True)]
+    fits = [next(ends if n else freely if b else as_they_are) for n, b in zip(near, but_one, strict=True)]
+    return _with_numbers(problem, fits, fit, phi, settings)
+
+
+def _with_numbers(problem: Problem, fits: list[Fit], fit: Fit, phi: float, settings: SearchSettings) -> list[Fit]:
+    """The fits, those within reach of the chosen one with the optional numbers that only all windows show."""
+    within = [i for i, f in enumerate(fits) if f.cost - fit.cost < settings.rivals.leaner * phi]
+    shown = with_shown(problem, [fits[i] for i in within], phi, 1.0, settings)
+    begun = [(i, s) for i, s in zip(within, shown, strict=True) if s is not None]
+    steps = settings.steps.thorough_steps
+    found = fit_all(problem, [s.values for _, s in begun], steps, settings=settings.fit) if begun else []
+    by_place = {i: f for (i, _), f in zip(begun, found, strict=True) if possible(f.values)}
+    return [by_place.get(i, f) for i, f in enumerate(fits)]
 
 
 def _beside_the_better_values(
