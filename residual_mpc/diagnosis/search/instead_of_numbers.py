@@ -30,8 +30,8 @@ def instead_of_numbers(problem: Problem, fit: Fit, gone: tuple[Term, ...], setti
     rough = fit_all(
         problem, list(starts.values())[: tuned.looked_at], settings.additions.rough, rough=True, settings=settings.fit
     )
-    fits = (f for f in distinct(rough) if possible(f.values) and len(f.knobs) <= len(fit.knobs))
-    best = sorted(fits, key=lambda f: f.cost)[: tuned.best]
+    small = (f for f in distinct(rough) if possible(f.values) and len(f.knobs) <= len(fit.knobs))
+    best = sorted(small, key=lambda f: f.cost)[: tuned.best]
     fits = fit_all(problem, [f.values for f in best], settings.steps.thorough_steps, settings=settings.fit)
     blocks = blocks_of(problem.data, settings=settings.fit)
     phi = dispersion(fit, blocks)
