@@ -64,7 +64,7 @@ def _refined(prepared: Prepared, keep: Keeper, rng: np.random.Generator, progres
     """What the search found, fitted to the end; with effects that act in a part of the runs alone, or once more without
     the stretches that turn out to be unlike everything else, unless that only takes away what served them."""
     refined = _refined_once(keep("search", lambda: search_effects(prepared, rng, progress, keep, told)), rng, progress)
-    in_part = partly(prepared, refined, rng, progress)
+    in_part = partly(prepared, refined, lambda found: _refined_once(found, rng, _quiet), rng, progress)
     if in_part is not None:
         return in_part
     aside, serving = unlike_in_fits(prepared, refined)
@@ -93,6 +93,10 @@ def _refined_once(searched: Searched, rng: np.random.Generator, progress: Progre
         for before, now in ((first.vetoed, last.vetoed), (first.doubtful, last.doubtful))
     )
     return replace(more, explanation=replace(last, vetoed=vetoed, doubtful=doubtful))
+
+
+def _quiet(stage: str, done: float) -> None:
+    """A second search does not tell its stages."""
 
 
 def _known(prepared: Prepared) -> list[Any]:

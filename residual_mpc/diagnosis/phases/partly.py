@@ -4,13 +4,13 @@ One explanation of all runs then averages over what differs. The effects are sea
 without which the rest of the runs is predicted better act in the part only.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import chain, combinations
 
 import numpy as np
 
-from residual_mpc.diagnosis.data.dataset import Dataset, joined
+from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales, gap_of, per_window
 from residual_mpc.diagnosis.data.parts import Part, parted
 from residual_mpc.diagnosis.fit.evidence import blocks_of
@@ -31,15 +31,20 @@ from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Term, Values
 
+Finish = Callable[[Searched], Refined]
 
-def partly(prepared: Prepared, refined: Refined, rng: np.random.Generator, progress: Progress) -> Refined | None:
-    """The explanation in which some effects act in a part of the runs alone; None where the runs do not show any."""
+
+def partly(
+    prepared: Prepared, refined: Refined, finish: Finish, rng: np.random.Generator, progress: Progress
+) -> Refined | None:
+    """The explanation in which some effects act in a part of the runs alone; None where the runs do not show any.
+    finish: fits what a search has found to the end."""
     settings = prepared.options.settings.parts
     if not _much_left(prepared, refined.explanation.final.values, rng):
         return None
     for split in splits(prepared, refined)[: settings.tried]:
         progress("searching in a part of the runs", 0.3)
-        found = _in_part(prepared, refined.explanation.final.values, split, rng.spawn(1)[0])
+        found = _in_part(prepared, refined.explanation.final.values, split, finish, rng.spawn(1)[0])
         if found is not None:
             return found
     return None
@@ -54,9 +59,11 @@ def _much_left(prepared: Prepared, values: Values, rng: np.random.Generator) -> 
     return bool(left > settings.parts.over_floor * floor)
 
 
-def _in_part(prepared: Prepared, steady: Values, split: Split, rng: np.random.Generator) -> Refined | None:
-    """What a search in the part alone finds, as an explanation of all runs; None where no effect of it is absent from
-    the rest, or it explains all runs hardly better than effects that always act."""
+def _in_part(
+    prepared: Prepared, steady: Values, split: Split, finish: Finish, rng: np.random.Generator
+) -> Refined | None:
+    """What a search in the part alone finds, carried on in all runs, as their explanation; None where no effect of it is
+    absent from the rest, or it explains all runs hardly better than effects that always act."""
     settings = prepared.options.settings.parts
     searched = search_effects(_only_inside(prepared, split.part), rng, _quiet)
     values = refine(searched, rng, _quiet).explanation.final.values
@@ -64,18 +71,19 @@ def _in_part(prepared: Prepared, steady: Values, split: Split, rng: np.random.Ge
     if not absent:
         return None
     part = _sharpened(prepared, values, absent, split)
-    of = _with_part(prepared, part.part, frozenset(absent) | _in_their_place(searched, absent))
+    terms = frozenset(absent) | _in_their_place(searched, absent)
+    of = _with_part(prepared, part.part, terms)
     data = everywhere(of)
     rows = ((of, values), (prepared, steady))
     now, before = (_missed(data, of.scales, predict(data, p.space.settings([v]))[0]) for p, v in rows)
     if not _better(data, now, before, settings, prepared.options.settings.fit):
         return None
-    windows = [w for w in (of.headline, *(look.free for look in of.longer)) if w is not None]
-    seen = [w for w in windows if w[0].horizon <= searched.windows.horizon] or windows[:1]
-    again = replace(searched, prepared=of, windows=joined([d for d, _ in seen]), scales=seen[-1][1])
-    made = refine(again, rng, _quiet)
+    # what acts everywhere may be another effect than the one that the part alone shows
+    begun = replace(of, options=replace(of.options, start=values))
+    made = finish(search_effects(begun, rng, _quiet))
+    made = replace(made, prepared=of)
     final = made.explanation.final
-    named = [t for t in absent if t in final.terms]
+    named = [t for t in final.terms if t in terms]
     said = {t: part.variation(data.runs) or _by_run(of.clean, part.part, final.values, t) for t in named}
     return replace(made, explanation=replace(made.explanation, partly=said)) if said else None
 
