@@ -86,7 +86,7 @@ def problem_on(
     leave, windows that are unlike the others weighing less."""
     results = settings.results
     keep = np.zeros(data.count, dtype=bool)
-    later = np.concatenate([np.full(b.where.stop - b.where.start, b.later) for b in data.blocks])
+    later = np.concatenate([np.full(b.where.stop - b.where.start, b.group == 1) for b in data.blocks])
     for side in (later, ~later):
         keep[np.flatnonzero(side)[evenly(data.take(side), steps // 2, settings=results.data)]] = True
     few = data.take(keep)

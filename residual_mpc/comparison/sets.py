@@ -72,7 +72,7 @@ def windows(
             part = build_dataset(runs, robots, noise, horizon, here, settings=settings)
         except BadInput as error:
             raise BadInput(f"{error.what} in the runs {name} the change", error.where, error.remedy) from error
-        blocks = tuple(replace(b, later=name == "after") for b in part.blocks)
+        blocks = tuple(replace(b, group=int(name == "after")) for b in part.blocks)
         part = replace(part, blocks=blocks)
         parts.append(without(part, unfit(part)))
     return joined(parts)

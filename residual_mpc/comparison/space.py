@@ -74,7 +74,7 @@ class ChangeSpace(Space):
         before = super().settings(earlier)
         if all(len(e) == len(h) for e, h in zip(earlier, hypotheses, strict=True)):
             return before
-        return replace(before, later=super().settings([self.later(h) for h in hypotheses]))
+        return replace(before, others=(super().settings([self.later(h) for h in hypotheses]),))
 
     def later(self, values: Values) -> Values:
         """The values on the later runs: each change composed with what acts on both sets, target by target."""

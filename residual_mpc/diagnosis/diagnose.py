@@ -15,6 +15,8 @@ from residual_mpc.diagnosis.phases.laws import find_laws
 from residual_mpc.diagnosis.phases.partly import partly
 from residual_mpc.diagnosis.phases.prepare import DiagnosisInput, Prepared, prepare
 from residual_mpc.diagnosis.phases.refine import Refined, refine
+from residual_mpc.diagnosis.phases.remaining import quiet
+from residual_mpc.diagnosis.phases.run_sizes import with_run_sizes
 from residual_mpc.diagnosis.phases.search import Searched, search_effects, search_further
 from residual_mpc.diagnosis.phases.set_aside import unlike_in_fits, without
 from residual_mpc.diagnosis.phases.validate import validate
@@ -61,12 +63,16 @@ def diagnose(
 
 
 def _refined(prepared: Prepared, keep: Keeper, rng: np.random.Generator, progress: Progress, told: Told) -> Refined:
-    """What the search found, fitted to the end; with effects that act in a part of the runs alone, or once more without
-    the stretches that turn out to be unlike everything else, unless that only takes away what served them."""
+    """What the search found, fitted to the end; with effects that act in a part of the runs alone or have their own
+    sizes in each run, or once more without the stretches that turn out to be unlike everything else, unless that only
+    takes away what served them."""
     refined = _refined_once(keep("search", lambda: search_effects(prepared, rng, progress, keep, told)), rng, progress)
-    in_part = partly(prepared, refined, lambda found: _refined_once(found, rng, _quiet), rng, progress)
+    in_part = partly(prepared, refined, lambda found: _refined_once(found, rng, quiet), rng, progress)
     if in_part is not None:
         return in_part
+    by_run = with_run_sizes(refined, lambda found: _refined_once(found, rng, quiet), rng, progress)
+    if by_run is not None:
+        return by_run
     aside, serving = unlike_in_fits(prepared, refined)
     if not aside:
         return refined
@@ -93,10 +99,6 @@ def _refined_once(searched: Searched, rng: np.random.Generator, progress: Progre
         for before, now in ((first.vetoed, last.vetoed), (first.doubtful, last.doubtful))
     )
     return replace(more, explanation=replace(last, vetoed=vetoed, doubtful=doubtful))
-
-
-def _quiet(stage: str, done: float) -> None:
-    """A second search does not tell its stages."""
 
 
 def _known(prepared: Prepared) -> list[Any]:

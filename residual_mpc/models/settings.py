@@ -43,22 +43,21 @@ class Settings:
     """The values of n rows. A row is one hypothesis on one window, or one hypothesis alone.
 
     effects[effect][parameter] has shape (n, number of the robot's slots for that effect); an effect that is at its
-    null value in every row is absent. tuned[name] (n,) holds retuned nominal parameters, absolute. later: the values on
-    windows of the later one of two sets of runs, or outside the part of the runs in which some effects act; None where
-    they are the same.
+    null value in every row is absent. tuned[name] (n,) holds retuned nominal parameters, absolute. others: the values
+    on the windows of groups 1, 2, ... (see `Block`); empty where they are the same on all.
     """
 
     rows: int
     effects: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
     tuned: Mapping[str, np.ndarray] = field(default_factory=dict)
-    later: "Settings | None" = None
+    others: "tuple[Settings, ...]" = ()
 
     def take(self, index: np.ndarray) -> "Settings":
         """The rows named by index, in that order (also a boolean mask)."""
         count = int(index.sum()) if index.dtype == bool else len(index)
         effects = {e: {p: v[index] for p, v in ps.items()} for e, ps in self.effects.items()}
-        later = None if self.later is None else self.later.take(index)
-        return Settings(count, effects, {k: v[index] for k, v in self.tuned.items()}, later)
+        others = tuple(x.take(index) for x in self.others)
+        return Settings(count, effects, {k: v[index] for k, v in self.tuned.items()}, others)
 
     def acting(self) -> "Settings":
         """The same without the effects that do nothing in any row; some rows may lack what others have."""
@@ -67,7 +66,7 @@ class Settings:
 
     def distinct(self) -> tuple[np.ndarray, np.ndarray]:
         """(D,) index of the first occurrence of each distinct row; (n,) the place of each row among these. Ignores
-        `later`."""
+        `others`."""
         columns = [v.reshape(self.rows, -1) for ps in self.effects.values() for v in ps.values()]
         columns += [v[:, None] for v in self.tuned.values()]
         if not columns:
@@ -77,8 +76,8 @@ class Settings:
 
     def without(self, effect: str) -> "Settings":
         """The same rows with one effect absent."""
-        later = None if self.later is None else self.later.without(effect)
-        return Settings(self.rows, {e: p for e, p in self.effects.items() if e != effect}, self.tuned, later)
+        others = tuple(x.without(effect) for x in self.others)
+        return Settings(self.rows, {e: p for e, p in self.effects.items() if e != effect}, self.tuned, others)
 
 
 def is_null(effect: str, values: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -71,10 +71,10 @@ def test_a_change_at_its_null_leaves_the_robot_alone(term: Term) -> None:
     there = SPACE.settings([common])
     with_change = SPACE.settings([{**common, **numbers}])
     assert_same(with_change, there)
-    assert with_change.later is not None
+    assert with_change.others
     if np.isfinite(list(numbers.values())).all():
-        assert_same(with_change.later, there)
-    np.testing.assert_array_equal(predict(DATA, with_change.later), predict(DATA, there))
+        assert_same(with_change.others[0], there)
+    np.testing.assert_array_equal(predict(DATA, with_change.others[0]), predict(DATA, there))
 
 
 @given(st.sampled_from(FINITE), st.floats(0.05, 20.0), st.floats(0.05, 20.0))
@@ -99,8 +99,7 @@ def test_a_change_on_all_targets_reaches_those_with_values_of_their_own() -> Non
     common = {own(GAIN): 0.9, own(GAIN, "left"): 0.5}
     after = SPACE.later({**common, change(GAIN): 1.1})
     assert after == pytest.approx({own(GAIN): 0.99, own(GAIN, "left"): 0.55})
-    later = SPACE.settings([{**common, change(GAIN): 1.1}]).later
-    assert later is not None
+    later = SPACE.settings([{**common, change(GAIN): 1.1}]).others[0]
     np.testing.assert_allclose(later.effects["actuator_gain"]["gain"], [[0.55, 0.99]])
 
 
@@ -119,11 +118,11 @@ def test_the_numbers_after_stay_within_the_effects_bounds() -> None:
 
 def test_values_after_are_there_only_where_something_changed() -> None:
     common = {own(TRACK): 1.2}
-    assert SPACE.settings([common, {}]).later is None
+    assert SPACE.settings([common, {}]).others == ()
     both = SPACE.settings([common, {**common, change(TRACK): 1.1}])
-    assert both.later is not None
+    assert both.others
     np.testing.assert_allclose(both.effects["track_width"]["scale"].ravel(), [1.2, 1.2])
-    np.testing.assert_allclose(both.later.effects["track_width"]["scale"].ravel(), [1.2, 1.32])
+    np.testing.assert_allclose(both.others[0].effects["track_width"]["scale"].ravel(), [1.2, 1.32])
 
 
 def test_probes_of_a_change_go_both_ways() -> None:
@@ -151,7 +150,7 @@ def two_sets() -> Dataset:
     for later in (False, True):
         begun = [np.arange(0.0, 9.0, 1.0) if (k >= 2) is later else np.zeros(0) for k in range(4)]
         part = build_dataset(runs, [ROVER] * 4, SIGMA, 1.0, begun)
-        parts.append(replace(part, blocks=tuple(replace(b, later=later) for b in part.blocks)))
+        parts.append(replace(part, blocks=tuple(replace(b, group=int(later)) for b in part.blocks)))
     return joined(parts)
 
 
@@ -201,12 +200,12 @@ def test_hypotheses_that_differ_on_the_later_runs_alone_are_replayed_once_on_the
     plain = replay._predict_block
 
     def counted(data: Dataset, block: Block, settings: Settings, nudge: replay.Start | None) -> np.ndarray:
-        rows.append((block.later, settings.rows))
+        rows.append((block.group, settings.rows))
         return plain(data, block, settings, nudge)
 
     monkeypatch.setattr(replay, "_predict_block", counted)
     np.testing.assert_array_equal(predict(data, SPACE.settings(hypotheses)), each)
-    assert rows == [(b.later, 4 if b.later else 2) for b in data.blocks]
+    assert rows == [(b.group, 4 if b.group else 2) for b in data.blocks]
 
 
 def test_a_new_stop_may_be_where_the_joints_of_the_later_set_end(tmp_path: Path) -> None:

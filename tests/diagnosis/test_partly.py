@@ -12,12 +12,12 @@ from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import build_dataset
-from residual_mpc.diagnosis.data.parts import after, before, in_runs, parted
+from residual_mpc.diagnosis.data.parts import after, before, grouped, groups_of, in_runs
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.phases.splits import Split, _step, sharpened, timeline_of, with_held_runs
 from residual_mpc.diagnosis.predict.candidates import build_space
-from residual_mpc.diagnosis.predict.part_space import part_space
+from residual_mpc.diagnosis.predict.group_space import group_space
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.document import to_document
 from residual_mpc.diagnosis.results.settings import PartSettings
@@ -129,15 +129,15 @@ def test_a_held_out_run_is_judged_on_its_second_half() -> None:
 def test_an_effect_does_nothing_outside_its_part() -> None:
     data = build_dataset([rover_run(f"r{i}", {}, seed=i) for i in range(3)], [ROVER] * 3, SIGMA)
     part, space = after((1, 7.0), (1, 7.0), 3), build_space(data, ())
-    told = parted(data, part)
+    told = grouped(data, groups_of(data, part))
     values = {TRACK: 1.2, LAG: 0.1}
-    row = part_space(space, frozenset({TRACK.term})).settings([values])
+    row = group_space(space, [{TRACK.term: 0.0}]).settings([values])
     both, alone = predict(data, space.settings([values, {LAG: 0.1}]))
     found, inside = predict(told, row)[0], part.inside(told)
     assert told.count == data.count  # no window lies across 7 s
     assert np.array_equal(found[inside], both[part.inside(data)], equal_nan=True)
     assert np.array_equal(found[~inside], alone[part.outside(data)], equal_nan=True)
-    assert np.array_equal(row.take(np.array([0])).later.effects["actuator_lag"]["time_constant"], [[0.1, 0.1]])
+    assert np.array_equal(row.take(np.array([0])).others[0].effects["actuator_lag"]["time_constant"], [[0.1, 0.1]])
 
 
 def test_a_level_changes_only_beyond_doubt() -> None:
@@ -159,3 +159,14 @@ def test_the_instant_moves_to_where_the_windows_show_it() -> None:
     found = sharpened(line, Split(after((0, 12.0), (0, 12.0), 1), 12), inside, outside)
     assert found.at == true and found.part.rest[0][1] == pytest.approx(line.start[true])
     assert found.part.where[0][0] == pytest.approx(line.start[true] + line.horizon)
+
+
+def test_a_size_that_differs_between_runs_is_fitted_for_each() -> None:
+    """Held-out runs included: their sizes come from the first half of each, which is then not judged."""
+    true = [1.0, 1.05, 1.12, 1.2, 1.27, 1.35]
+    runs = [rover_run(f"r{i}", {**SLOW, "track_width": {"scale": x}}, seed=i) for i, x in enumerate(true)]
+    found = answered(runs)
+    track, lag = (next(e for e in found["explanation"] if e["effect"] == k.effect) for k in (TRACK, LAG))
+    assert list(track["by_run"].values()) == pytest.approx(true, abs=0.015) and track["probability"] > 0.7
+    assert lag["parameters"]["time_constant"]["value"] == pytest.approx(0.15, abs=0.02) and "by_run" not in lag
+    assert found["verdict"] == "effects" and found["gap"]["after"] < 1.3 * found["gap"]["noise_floor"]

@@ -22,15 +22,15 @@ POSITION_LIKE = ("position", "pose")
 
 @dataclass(frozen=True)
 class Block:
-    """The windows of the runs that share one robot model (a variant), as rows `where` of the dataset's arrays. later:
-    whether `Settings.later` apply to them: they are of the later one of two sets of runs, or outside the part of the
-    runs in which some effects act. own: steps of the user's model in one of the drive's.
+    """The windows of the runs that share one robot model (a variant), as rows `where` of the dataset's arrays. group:
+    which of `Settings.others` apply to them, counted from 1; 0: the settings themselves. In a comparison, group 1 is
+    the later set. own: steps of the user's model in one of the drive's.
     """
 
     robot: Robot
     where: slice
     drive: Drive
-    later: bool = False
+    group: int = 0
     own: int = 1
 
     @property

@@ -72,15 +72,19 @@ def _within(data: Timed, spans: Spans) -> np.ndarray:
     return np.asarray((data.start >= begin - SLACK) & (data.start + data.horizon <= end + SLACK))
 
 
-def parted(data: Dataset, part: Part) -> Dataset:
-    """The windows inside the part and outside it, in their order; `Settings.later` apply to those outside."""
-    data = data.take(part.inside(data) | part.outside(data))
-    outside = part.outside(data)
+def groups_of(data: Timed, part: Part) -> np.ndarray:
+    """(W,) group of each window: 0 inside the part, 1 outside, -1 for what lies in neither."""
+    return np.where(part.inside(data), 0, np.where(part.outside(data), 1, -1))
+
+
+def grouped(data: Dataset, group: np.ndarray) -> Dataset:
+    """The windows by their groups (W,), in their order, without those of a negative one."""
+    data, group = data.take(group >= 0), group[group >= 0]
     blocks: list[Block] = []
     for b in data.blocks:
         rows = np.arange(b.where.start, b.where.stop)
-        for piece in np.split(rows, np.flatnonzero(np.diff(outside[rows])) + 1):
-            mask = np.isin(rows, piece)
+        for piece in np.split(rows, np.flatnonzero(np.diff(group[rows])) + 1):
             where = slice(int(piece[0]), int(piece[-1]) + 1)
-            blocks.append(replace(b, where=where, drive=b.drive.take(mask), later=bool(outside[piece[0]])))
+            drive = b.drive.take(np.isin(rows, piece))
+            blocks.append(replace(b, where=where, drive=drive, group=int(group[piece[0]])))
     return replace(data, blocks=tuple(blocks))

@@ -11,6 +11,7 @@ from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.options import Progress
 from residual_mpc.diagnosis.phases.validate import Validated
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup
+from residual_mpc.diagnosis.predict.group_space import GroupSpace
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.remainder.description import describe_remainder
 from residual_mpc.diagnosis.remainder.learning import NOTHING, Learned, Learner, learn, remainder_of
@@ -81,7 +82,10 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     most = settings.causes.coarse if validated.judged.coarse else 1.0
     sure = {t: min(certain(standing=_stands(t, s)), most) for t, s in supports.items()}
     weak = doubts(supports, extras.rest, settings=settings)
-    doubt = {t: d * steadiness(t, validated.varying, settings) for t, d in weak.items()}
+    known = {**of.run_sizes, **of.partly}  # their sizes have been accounted for, but not with the motion
+    varying = {t: v for t, v in validated.varying.items() if v.by_state or t not in known}
+    doubt = {t: d * steadiness(t, varying, settings) for t, d in weak.items()}
+    doubt |= {t: settings.parts.sized * doubt[t] for t in of.run_sizes if t in doubt}
     bent = of_one_encoder(final.terms, [n.term for n in of.untestable])
     doubt |= {t: settings.causes.resting * doubt[t] for t in bent if t in doubt}
     groups = tuple(g for g in of.rivalry.groups if not any(t in of.left_out for m in g for t in m)) if helps else ()
@@ -91,12 +95,13 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     refitted = partial(refitted_without, of, steps=validated.options.final_steps, settings=settings)
     causes: tuple[Cause, ...] = ()
     if helps:
-        causes = causes_of(of, share, sure, supports, doubt, refitted, settings=settings, varying=validated.varying)
+        varying = {**varying, **of.run_sizes}
+        causes = causes_of(of, share, sure, supports, doubt, refitted, settings=settings, varying=varying)
+    varying = {**varying, **of.partly}
     looked_at = candidates(of.rivalry, of.base, final, shared(sure, groups), of.left_out, every_doubt) if helps else ()
     looked_at = as_named(looked_at, causes)
     if verdict == "effects" and not validated.judged.told and not _likely(causes, looked_at, groups):
         verdict = "partial"  # a gap that is small anyway confirms nothing
-    varying = {**validated.varying, **of.partly}
     run, unlike = validated.odd, validated.unlike.document(of.raw.horizon)
     odd = None if run is None else run.document(of.raw.runs[run.run].name, of.raw.horizon)
     return Diagnosis(
@@ -131,7 +136,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
         ),
         values=of.space.whole(final.values) if helps else of.base.values,
         notes=notes(of, validated.judged, odd, unlike, settings=settings),
-        partly=frozenset(of.partly) if helps else frozenset(),
+        groups_of_windows=of.space.groups if helps and isinstance(of.space, GroupSpace) else (),
     )
 
 

@@ -4,34 +4,29 @@ One explanation of all runs then averages over what differs. The effects are sea
 without which the rest of the runs is predicted better act in the part only.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain, combinations
 
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
-from residual_mpc.diagnosis.data.gap import Scales, gap_of, per_window
-from residual_mpc.diagnosis.data.parts import Part, parted
-from residual_mpc.diagnosis.fit.evidence import blocks_of
-from residual_mpc.diagnosis.fit.settings import FitSettings
+from residual_mpc.diagnosis.data.gap import Scales
+from residual_mpc.diagnosis.data.parts import Part, groups_of
 from residual_mpc.diagnosis.options import Progress
 from residual_mpc.diagnosis.phases.horizons import everywhere
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.phases.refine import Refined, refine
+from residual_mpc.diagnosis.phases.regroup import regrouped
+from residual_mpc.diagnosis.phases.remaining import Finish, better, missed, much_left, quiet
 from residual_mpc.diagnosis.phases.search import Searched, search_effects
 from residual_mpc.diagnosis.phases.splits import Split, sharpened, splits, timeline_of, with_held_runs
-from residual_mpc.diagnosis.predict.horizons import HorizonWindows
-from residual_mpc.diagnosis.predict.noise_floor import floor_of
-from residual_mpc.diagnosis.predict.part_space import part_space
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.settings import PartSettings
-from residual_mpc.diagnosis.results.size_numbers import size_knobs
 from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Term, Values
-
-Finish = Callable[[Searched], Refined]
+from residual_mpc.models.size_numbers import size_knobs
 
 
 def partly(
@@ -40,7 +35,7 @@ def partly(
     """The explanation in which some effects act in a part of the runs alone; None where the runs do not show any.
     finish: fits what a search has found to the end."""
     settings = prepared.options.settings.parts
-    if not _much_left(prepared, refined.explanation.final.values, rng):
+    if not much_left(prepared, refined.explanation.final.values, rng):
         return None
     for split in splits(prepared, refined)[: settings.tried]:
         progress("searching in a part of the runs", 0.3)
@@ -50,37 +45,28 @@ def partly(
     return None
 
 
-def _much_left(prepared: Prepared, values: Values, rng: np.random.Generator) -> bool:
-    """Whether an explanation of all runs leaves far more than noise on the windows that fits may see."""
-    data, settings = everywhere(prepared), prepared.options.settings
-    row = prepared.space.settings([values])
-    left = gap_of(data, prepared.scales, data.y - predict(data, row)[0]).total
-    floor = floor_of(data, prepared.scales, row, rng.spawn(1)[0], settings=settings.predict).total
-    return bool(left > settings.parts.over_floor * floor)
-
-
 def _in_part(
     prepared: Prepared, steady: Values, split: Split, finish: Finish, rng: np.random.Generator
 ) -> Refined | None:
-    """What a search in the part alone finds, carried on in all runs, as their explanation; None where no effect of it is
-    absent from the rest, or it explains all runs hardly better than effects that always act."""
+    """What a search in the part alone finds, carried on in all runs; None where no effect of it is absent from the
+    rest, or it explains all runs hardly better than effects that always act."""
     settings = prepared.options.settings.parts
-    searched = search_effects(_only_inside(prepared, split.part), rng, _quiet)
-    values = refine(searched, rng, _quiet).explanation.final.values
+    searched = search_effects(_only_inside(prepared, split.part), rng, quiet)
+    values = refine(searched, rng, quiet).explanation.final.values
     absent = _absent(prepared, values, split.part, settings)
     if not absent:
         return None
     part = _sharpened(prepared, values, absent, split)
     terms = frozenset(absent) | _in_their_place(searched, absent)
-    of = _with_part(prepared, part.part, terms)
+    of = regrouped(prepared, lambda data: groups_of(data, part.part), [dict.fromkeys(terms, 0.0)])
     data = everywhere(of)
     rows = ((of, values), (prepared, steady))
-    now, before = (_missed(data, of.scales, predict(data, p.space.settings([v]))[0]) for p, v in rows)
-    if not _better(data, now, before, settings, prepared.options.settings.fit):
+    now, before = (missed(data, of.scales, predict(data, p.space.settings([v]))[0]) for p, v in rows)
+    if not better(data, now, before, settings, prepared.options.settings.fit):
         return None
     # what acts everywhere may be another effect than the one that the part alone shows
     begun = replace(of, options=replace(of.options, start=values))
-    made = finish(search_effects(begun, rng, _quiet))
+    made = finish(search_effects(begun, rng, quiet))
     made = replace(made, prepared=of)
     final = made.explanation.final
     named = [t for t in final.terms if t in terms]
@@ -93,14 +79,14 @@ def _sharpened(prepared: Prepared, values: Values, absent: Sequence[Term], split
     less = {k: v for k, v in values.items() if k.term not in absent}
     rows = prepared.space.settings([values, less])
 
-    def missed(data: Dataset, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        inside, outside = (_missed(data, prepared.scales, y)[order] for y in predict(data, rows))
+    def both(data: Dataset, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        inside, outside = (missed(data, prepared.scales, y)[order] for y in predict(data, rows))
         return inside, outside
 
     line, order = timeline_of(prepared.fitting)
-    split = sharpened(line, split, *missed(prepared.fitting, order))
+    split = sharpened(line, split, *both(prepared.fitting, order))
     line, order = timeline_of(prepared.clean)
-    part = with_held_runs(line, split.part, prepared.free[order], *missed(prepared.clean, order))
+    part = with_held_runs(line, split.part, prepared.free[order], *both(prepared.clean, order))
     return replace(split, part=part)
 
 
@@ -112,29 +98,13 @@ def _absent(prepared: Prepared, values: Values, part: Part, settings: PartSettin
     terms = list(dict.fromkeys(k.term for k in values if k.effect != TUNE))[: settings.most]
     sets = [frozenset(s) for s in chain.from_iterable(combinations(terms, n) for n in range(len(terms) + 1))]
     rows = prepared.space.settings([{k: v for k, v in values.items() if k.term not in s} for s in sets])
-    missed = [_missed(rest, prepared.scales, y) for y in predict(rest, rows)]
-    sums = [float(m.sum()) for m in missed]
+    left = [missed(rest, prepared.scales, y) for y in predict(rest, rows)]
+    sums = [float(x.sum()) for x in left]
     least = min(sums)
     # an effect that hardly acts in the rest is not absent from it: of sets that do as well, the smallest
     best = min((k for k, s in enumerate(sums) if s <= settings.as_good * least), key=lambda k: (len(sets[k]), sums[k]))
-    fewer = _better(rest, missed[best], missed[0], settings, prepared.options.settings.fit)
+    fewer = better(rest, left[best], left[0], settings, prepared.options.settings.fit)
     return tuple(t for t in terms if t in sets[best]) if fewer else ()
-
-
-def _missed(data: Dataset, scales: Scales, predicted: np.ndarray) -> np.ndarray:
-    """(W,) mean squared scaled error of each window; one whose motion is missed altogether counts as that."""
-    return np.minimum(np.nan_to_num(per_window(data, scales, data.y - predicted), nan=1.0), 1.0)
-
-
-def _better(data: Dataset, now: np.ndarray, before: np.ndarray, settings: PartSettings, fits: FitSettings) -> bool:
-    """Whether squared errors (W,) are smaller than others by a good part, and over most stretches of time."""
-    if not now.sum() < settings.smaller * before.sum():
-        return False
-    block = blocks_of(data, settings=fits)
-    left, had = np.bincount(block, now), np.bincount(block, before)
-    usual = max(float(np.median(left)), 1e-12)  # a stretch in which little happens tells little
-    saved = np.log((had + usual) / (left + usual))
-    return bool(saved.sum() > settings.told * np.sqrt(np.sum((saved - saved.mean()) ** 2)))
 
 
 def _in_their_place(searched: Searched, absent: Sequence[Term]) -> frozenset[Term]:
@@ -163,34 +133,3 @@ def _only_inside(prepared: Prepared, part: Part) -> Prepared:
     longer = tuple(replace(look, free=inside(look.free)) for look in prepared.longer)
     free = prepared.free & part.inside(prepared.raw)
     return replace(prepared, free=free, longer=longer, near=inside(prepared.near))
-
-
-def _with_part(prepared: Prepared, part: Part, terms: frozenset[Term]) -> Prepared:
-    """With the windows in the part and in the rest told apart, and these effects in the part alone."""
-
-    def told(windows: tuple[Dataset, Scales] | None) -> tuple[Dataset, Scales] | None:
-        here = None if windows is None else parted(windows[0], part)
-        return None if here is None or windows is None or not here.count else (here, windows[1])
-
-    def look_told(look: HorizonWindows) -> HorizonWindows | None:
-        keep = part.inside(look.raw) | part.outside(look.raw)
-        if not keep.any():
-            return None
-        raw, clean = parted(look.raw, part), parted(look.clean, part)
-        return replace(look, raw=raw, clean=clean, held=look.held[keep], free=told(look.free))
-
-    keep = part.inside(prepared.raw) | part.outside(prepared.raw)
-    return replace(
-        prepared,
-        raw=parted(prepared.raw, part),
-        clean=parted(prepared.clean, part),
-        held=prepared.held[keep],
-        free=prepared.free[keep],
-        space=part_space(prepared.space, terms),
-        longer=tuple(x for look in prepared.longer if (x := look_told(look)) is not None),
-        near=told(prepared.near),
-    )
-
-
-def _quiet(stage: str, done: float) -> None:
-    """The stages of a search in a part are not told."""

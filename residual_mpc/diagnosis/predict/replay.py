@@ -32,10 +32,11 @@ def predict(data: Dataset, settings: Settings, nudge: Start | None = None) -> np
     h, (w, m), c = settings.rows, data.t.shape, len(data.channels)
     out = np.full((h, w, m, c), np.nan)
     for block in data.blocks:
-        here = settings.later if block.later and settings.later is not None else replace(settings, later=None)
+        grouped = block.group > 0 and bool(settings.others)
+        here = settings.others[block.group - 1] if grouped else replace(settings, others=())
         first, back = np.arange(h), np.arange(h)
-        # hypotheses that differ only on the other set of runs have the same prediction here
-        if settings.later is not None and nudge is None:
+        # hypotheses that differ only in other groups have the same prediction here
+        if settings.others and nudge is None:
             first, back = here.distinct()
         steps = block.drive.steps + block.drive.lead
         size = (block.where.stop - block.where.start) * steps * (c + len(block.robot.actuators))

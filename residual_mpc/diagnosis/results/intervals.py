@@ -15,13 +15,13 @@ from residual_mpc.diagnosis.results.digital_servo import hidden_inertia
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.records import Estimate
 from residual_mpc.diagnosis.results.settings import ResultSettings
-from residual_mpc.diagnosis.results.size_numbers import ANGLES, size_knobs
 from residual_mpc.diagnosis.results.step_shift import finely_stepped
 from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.diagnosis.search.late_partners import LATE, quantity_of
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.parameter_units import unit_of
 from residual_mpc.models.settings import TUNE, Knob, Term
+from residual_mpc.models.size_numbers import ANGLES, size_knobs
 
 AT_BOUND = "at the bound of its search range"
 FROM_BELOW = "the runs bound it from below only"

@@ -11,6 +11,7 @@ from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.data.where import Where
 from residual_mpc.diagnosis.laws.figures import FittedLaw
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
+from residual_mpc.diagnosis.predict.group_space import Sizes
 from residual_mpc.diagnosis.remainder.learning import Learned
 from residual_mpc.diagnosis.remainder.records import Rest
 from residual_mpc.diagnosis.results.shrink import Shrink
@@ -162,8 +163,8 @@ class Setup:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The whole answer. partly: the effects that act in a part of the runs alone: on windows of `Block.later` they do
-    nothing."""
+    """The whole answer. groups_of_windows: the sizes of effects in the groups 1, 2, ... of windows (see `Block`), where
+    they have another one there, or do nothing."""
 
     robot: str
     verdict: Verdict
@@ -192,12 +193,13 @@ class Diagnosis:
     next_experiment: dict[str, object] | None
     values: Values
     notes: tuple[str, ...]
-    partly: frozenset[Term] = frozenset()
+    groups_of_windows: tuple[Sizes, ...] = ()
 
     @property
     def at_the_end(self) -> Values:
         """The values without the effects that ended in the middle of the runs."""
-        ended = {c.term for c in self.causes if c.term in self.partly and c.variation and c.variation.until}
+        absent = {t for sizes in self.groups_of_windows for t, size in sizes.items() if size == 0.0}
+        ended = {c.term for c in self.causes if c.term in absent and c.variation and c.variation.until}
         return {k: v for k, v in self.values.items() if k.term not in ended}
 
 

@@ -138,7 +138,7 @@ class PartSettings:
     may be absent from the rest; as_good: times the least squared error in the rest, up to which fewer effects are
     absent; smaller: times the squared error of effects that always act, below which those that act in the part alone
     count, if the mean logarithm of the ratio is more than `told` times its standard error between stretches of
-    time."""
+    time. sized: factor on the probability of an effect with its own size in each run: another law may make it."""
 
     over_floor: float = 1.5
     fewest: int = 5
@@ -149,10 +149,11 @@ class PartSettings:
     as_good: float = 1.1
     smaller: float = 0.5
     told: float = 3.0
+    sized: float = 0.85
 
     def __post_init__(self) -> None:
         check_positive(self, "over_floor", "fewest", "times", "beyond_doubt", "tried", "most", "as_good", "told")
-        check_share(self, "smaller")
+        check_share(self, "smaller", "sized")
 
 
 @dataclass(frozen=True)

@@ -12,21 +12,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales, fit_trust
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.data.unknown_past import after_unknown_past, runs_with_unknown_past
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import Fit, on_problem
+from residual_mpc.diagnosis.predict.group_space import zero_of
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.results.divisions import KINDS, Division, divisions_of, divisions_of_effect
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.odd_run import odd_run
 from residual_mpc.diagnosis.results.settings import ResultSettings, VariationSettings
-from residual_mpc.diagnosis.results.size_numbers import size_knobs
 from residual_mpc.diagnosis.results.variation_records import Instant, Variation
 from residual_mpc.effects.laws import is_law
 from residual_mpc.effects.library import BY_NAME
-from residual_mpc.models.settings import Knob, Term, Values
+from residual_mpc.models.settings import Term, Values
+from residual_mpc.models.size_numbers import size_knobs
 
 ITERATIONS = 4  # of the sizes of the parts
 
@@ -67,23 +69,30 @@ class _Scores:
 def variations(of: FittedExplanation, settings: ResultSettings) -> dict[Term, Variation]:
     """The named effects whose size is not steady, tested on windows of the headline's horizon, including held-out ones,
     excluding those soon after an unknown past; long logs are thinned evenly."""
-    return _varied(of, settings)[0]
+    return _varied(of, of.clean, settings)[0]
+
+
+def variations_in_fits(of: FittedExplanation, settings: ResultSettings) -> dict[Term, Variation]:
+    """As `variations`, on windows that fits may see alone."""
+    return _varied(of, of.clean.take(of.free), settings)[0]
 
 
 def makes_the_odd_run(of: FittedExplanation, settings: ResultSettings) -> bool:
     """Whether effects whose sizes differ between the runs, or that begin or end, account for the run that is unlike all
     others."""
-    found, left, run = _varied(of, settings)
+    found, left, run = _varied(of, of.clean, settings)
     sizes = any(v.by_run is not None or v.since is not None or v.until is not None for v in found.values())
     return sizes and odd_run(left, run) is None
 
 
-def _varied(of: FittedExplanation, settings: ResultSettings) -> tuple[dict[Term, Variation], np.ndarray, np.ndarray]:
+def _varied(
+    of: FittedExplanation, clean: Dataset, settings: ResultSettings
+) -> tuple[dict[Term, Variation], np.ndarray, np.ndarray]:
     """The variations; the mean squared residual that they leave in each window (W,), and its run (W,)."""
     terms = [t for t in of.final.terms if not is_law(t.effect) and size_knobs(of.final.values, t)]
     if not terms:
         return {}, np.zeros(0), np.zeros(0, dtype=int)
-    clean, past = of.clean, settings.data.unknown_past
+    past = settings.data.unknown_past
     unknown = runs_with_unknown_past(clean, past)
     clean = clean.take(after_unknown_past(clean, np.ones(clean.count, dtype=bool), unknown, past))
     data = clean.take(evenly(clean, settings.variation.steps, settings=settings.data))
@@ -132,7 +141,7 @@ def _scores(fit: Fit, term: Term, r: np.ndarray, blocks: np.ndarray, run: np.nda
     direction = np.zeros(len(fit.knobs))
     for k in size_knobs(fit.values, term):
         i = fit.knobs.index(k)
-        direction[i] = (fit.values[k] - _null(k)) / fit.scales[i]
+        direction[i] = (fit.values[k] - zero_of(k)) / fit.scales[i]
     j = fit.jacobian @ direction
     information, score = np.einsum("wn,wn->w", j, j), np.einsum("wn,wn->w", j, r)
     number = run[np.unique(blocks, return_index=True)[1]]
@@ -269,12 +278,8 @@ def _scaled(problem: Problem, values: Values, term: Term, step: float) -> Values
     out = dict(values)
     for k in size_knobs(values, term):
         low, high = problem.space.bounds(k)
-        null = _null(k)
+        null = zero_of(k)
         out[k] = float(np.clip(null + (values[k] - null) * (1.0 + step), low, high))
     return out
 
 
-def _null(knob: Knob) -> float:
-    """Where the effect does nothing; 0 for a limit or a stiffness, which scales from there."""
-    null = BY_NAME[knob.effect].parameter(knob.parameter).null
-    return null if np.isfinite(null) else 0.0

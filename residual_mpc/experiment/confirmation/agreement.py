@@ -7,12 +7,12 @@ import numpy as np
 
 from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.predict.problem import Problem
-from residual_mpc.diagnosis.results.size_numbers import ANGLES
 from residual_mpc.effects.laws import is_law
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.experiment.confirmation.inputs import ConfirmationInput
 from residual_mpc.experiment.confirmation.known_change import KnownChange, changed_values
 from residual_mpc.models.settings import TUNE, Knob, Values
+from residual_mpc.models.size_numbers import ANGLES
 
 
 @dataclass(frozen=True)

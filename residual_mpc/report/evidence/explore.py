@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.data.gap import gap_of
-from residual_mpc.diagnosis.predict.part_space import in_and_outside
+from residual_mpc.diagnosis.predict.group_space import in_groups
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.records import DiagnosisResult, Estimate
 from residual_mpc.effects.library import BY_NAME
@@ -118,7 +118,7 @@ def slider_values(knob: Knob, estimate: Estimate, robots: Sequence[Robot]) -> Ar
 
 def _settings(made: DiagnosisResult, rows: Sequence[Values]) -> Settings:
     slots = Targets(made.data.blocks[0].robot)
-    return in_and_outside(rows, made.diagnosis.partly, lambda some: assemble(some, slots))
+    return in_groups(rows, made.diagnosis.groups_of_windows, lambda some: assemble(some, slots))
 
 
 def _windows(made: DiagnosisResult, held: np.ndarray) -> list[int]:

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Block, Dataset
-from residual_mpc.diagnosis.predict.part_space import in_and_outside
+from residual_mpc.diagnosis.predict.group_space import Sizes, in_groups
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.records import DiagnosisResult
 from residual_mpc.models.drawing import Motion
-from residual_mpc.models.settings import Term, Values, assemble
+from residual_mpc.models.settings import Values, assemble
 from residual_mpc.models.targets import Targets
 
 FRAMES = 25
@@ -62,7 +62,7 @@ def ghosts(made: DiagnosisResult, window: int, frames: int = FRAMES) -> Ghosts:
     if made.diagnosis.causes:
         corrected = {
             **known(made.after[window]),
-            **_replayed(data, window, made.diagnosis.values, others, instants, made.diagnosis.partly),
+            **_replayed(data, window, made.diagnosis.values, others, instants, made.diagnosis.groups_of_windows),
         }
     motion = {c: measured(c) if c in seen else predicted[c] for c in wanted}
     return Ghosts(motion, predicted, corrected, others, float(instants[-1]))
@@ -79,17 +79,17 @@ def _replayed(
     values: Values,
     channels: tuple[str, ...],
     instants: np.ndarray,
-    partly: frozenset[Term] = frozenset(),
+    groups: tuple[Sizes, ...] = (),
 ) -> dict[str, np.ndarray]:
-    """Channels without samples in the window, replayed under these values: channel -> (F,). partly: effects that act in
-    a part of the runs alone."""
+    """Channels without samples in the window, replayed under these values: channel -> (F,). groups: the sizes of
+    effects in groups of windows."""
     if not channels:
         return {}
     one = data.take(np.arange(data.count) == window)
     new = tuple(c for c in channels if c not in one.channels)
     one = replace(one, channels=(*one.channels, *new))
     slots = Targets(one.blocks[0].robot)
-    found = predict(one, in_and_outside([values], partly, lambda some: assemble(some, slots)))[0, 0]
+    found = predict(one, in_groups([values], groups, lambda some: assemble(some, slots)))[0, 0]
     return {c: _at(instants, one.t[0], found[:, one.channels.index(c)]) for c in channels}
 
 
