@@ -13,6 +13,7 @@ import numpy as np
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales
 from residual_mpc.diagnosis.data.parts import Part, groups_of
+from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.options import Progress
 from residual_mpc.diagnosis.phases.horizons import everywhere
 from residual_mpc.diagnosis.phases.prepare import Prepared
@@ -21,6 +22,7 @@ from residual_mpc.diagnosis.phases.regroup import regrouped
 from residual_mpc.diagnosis.phases.remaining import Finish, better, missed, much_left, quiet
 from residual_mpc.diagnosis.phases.search import Searched, search_effects
 from residual_mpc.diagnosis.phases.splits import Split, sharpened, splits, timeline_of, with_held_runs
+from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.settings import PartSettings
 from residual_mpc.diagnosis.results.variation_records import Variation
@@ -50,19 +52,22 @@ def _in_part(
 ) -> Refined | None:
     """What a search in the part alone finds, carried on in all runs; None where no effect of it is absent from the
     rest, or it explains all runs hardly better than effects that always act."""
-    settings = prepared.options.settings.parts
+    settings = prepared.options.settings
     searched = search_effects(_only_inside(prepared, split.part), rng, quiet)
     values = refine(searched, rng, quiet).explanation.final.values
-    absent = _absent(prepared, values, split.part, settings)
+    absent = _absent(prepared, values, split.part, settings.parts)
     if not absent:
         return None
     part = _sharpened(prepared, values, absent, split)
     terms = frozenset(absent) | _in_their_place(searched, absent)
     of = regrouped(prepared, lambda data: groups_of(data, part.part), [dict.fromkeys(terms, 0.0)])
     data = everywhere(of)
+    problem = build_problem(data, of.space, searched.found.sigma, of.scales.motion, settings=settings.predict)
+    (fit,) = fit_all(problem, [values], settings=settings.fit)  # the part was another before its instant moved
+    values = fit.values
     rows = ((of, values), (prepared, steady))
     now, before = (missed(data, of.scales, predict(data, p.space.settings([v]))[0]) for p, v in rows)
-    if not better(data, now, before, settings, prepared.options.settings.fit):
+    if not better(data, now, before, settings.parts, settings.fit):
         return None
     # what acts everywhere may be another effect than the one that the part alone shows
     begun = replace(of, options=replace(of.options, start=values))

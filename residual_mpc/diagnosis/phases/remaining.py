@@ -41,8 +41,8 @@ def better(data: Dataset, now: np.ndarray, before: np.ndarray, settings: PartSet
     block = blocks_of(data, settings=fits)
     left, had = np.bincount(block, now), np.bincount(block, before)
     usual = max(float(np.median(left)), 1e-12)  # a stretch in which little happens tells little
-    saved = np.log((had + usual) / (left + usual))
-    return bool(saved.sum() > settings.told * np.sqrt(np.sum((saved - saved.mean()) ** 2)))
+    saved = np.log((had + usual) / (left + usual))[np.abs(had - left) > settings.alike * usual]
+    return len(saved) > 0 and bool(saved.sum() > settings.told * np.sqrt(np.sum((saved - saved.mean()) ** 2)))
 
 
 def quiet(stage: str, done: float) -> None:

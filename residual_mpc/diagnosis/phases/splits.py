@@ -17,7 +17,6 @@ from residual_mpc.diagnosis.results.variation_records import Instant, Variation
 from residual_mpc.logs.run import Run
 
 CROSSING = 4.0  # times the usual squared error of a window, from which one next to the instant lies across it
-NEAR = 5  # windows by which the instant may be off at first
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +89,7 @@ def sharpened(line: Timeline, split: Split, inside: np.ndarray, outside: np.ndar
     if split.at is None:
         return split
     early, late = (outside, inside) if split.begins else (inside, outside)
-    places = np.arange(max(split.at - NEAR, 1), min(split.at + NEAR, len(line.run) - 1) + 1)
+    places = np.arange(1, len(line.run))
     costs = [float(early[:n].sum() + late[n:].sum()) for n in places]
     n = int(places[int(np.argmin(costs))])
     most = CROSSING * float(np.median(np.concatenate([early[:n], late[n:]])))

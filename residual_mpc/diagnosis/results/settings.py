@@ -137,8 +137,8 @@ class PartSettings:
     the two exceeds that within them by the factor `beyond_doubt`. tried: parts that are searched; most: effects that
     may be absent from the rest; as_good: times the least squared error in the rest, up to which fewer effects are
     absent; smaller: times the squared error of effects that always act, below which those that act in the part alone
-    count, if the mean logarithm of the ratio is more than `told` times its standard error between stretches of
-    time. sized: factor on the probability of an effect with its own size in each run: another law may make it."""
+    count, if the mean logarithm of the ratio is more than `told` times its standard error between the stretches of time
+    in which the two differ by more than the share `alike` of what is usually left. sized: factor on the probability of an effect with its own size in each run: another law may make it."""
 
     over_floor: float = 1.5
     fewest: int = 5
@@ -147,13 +147,14 @@ class PartSettings:
     tried: int = 2
     most: int = 6
     as_good: float = 1.1
-    smaller: float = 0.5
+    smaller: float = 0.6
     told: float = 3.0
+    alike: float = 0.2
     sized: float = 0.85
 
     def __post_init__(self) -> None:
         check_positive(self, "over_floor", "fewest", "times", "beyond_doubt", "tried", "most", "as_good", "told")
-        check_share(self, "smaller", "sized")
+        check_share(self, "smaller", "alike", "sized")
 
 
 @dataclass(frozen=True)
