@@ -131,14 +131,15 @@ class VariationSettings:
 
 @dataclass(frozen=True)
 class PartSettings:
-    """Effects that act in a part of the runs alone are searched for where an explanation of all runs leaves a gap of
-    more than `over_floor` times the noise floor. A part and its rest have at least `fewest` windows; where no named
-    effect begins or ends, the gap in the part is `times` that in the rest, and the variance between the logarithms of
-    the two exceeds that within them by the factor `beyond_doubt`. tried: parts that are searched; most: effects that
-    may be absent from the rest; as_good: times the least squared error in the rest, up to which fewer effects are
-    absent; smaller: times the squared error of effects that always act, below which those that act in the part alone
-    count, if the mean logarithm of the ratio is more than `told` times its standard error between the stretches of time
-    in which the two differ by more than the share `alike` of what is usually left. sized: factor on the probability of an effect with its own size in each run: another law may make it."""
+    """Effects that act in a part of the runs alone, or have their own size in each run, are looked for where one
+    explanation of all runs leaves a gap of more than `over_floor` times the noise floor. A part and its rest have at
+    least `fewest` windows; where no named effect begins or ends, the gap in the part is `times` that in the rest, and
+    the variance between the logarithms of the two exceeds that within them by the factor `beyond_doubt`. tried: parts
+    that are searched; most: effects that may be absent from the rest; as_good: times the least squared error in the
+    rest, up to which fewer effects are absent. smaller: times the squared error of effects that always act alike, below
+    which the others count, if the mean logarithm of the ratio is more than `told` times its standard error between the
+    stretches of time in which the two differ by more than the share `alike` of what is usually left. sized: factor on
+    the probability of an effect with its own size in each run: another law may make it."""
 
     over_floor: float = 1.5
     fewest: int = 5
