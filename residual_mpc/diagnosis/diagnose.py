@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,10 @@ from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.describe import describe
 from residual_mpc.diagnosis.phases.early_answers import Told, first_look, unheard
 from residual_mpc.diagnosis.phases.laws import find_laws
-from residual_mpc.diagnosis.phases.partly import partly
+from residual_mpc.diagnosis.phases.partly import effects_in_parts
 from residual_mpc.diagnosis.phases.prepare import DiagnosisInput, Prepared, prepare
 from residual_mpc.diagnosis.phases.refine import Refined, refine
-from residual_mpc.diagnosis.phases.remaining import quiet
+from residual_mpc.diagnosis.phases.remaining import much_left
 from residual_mpc.diagnosis.phases.run_sizes import with_run_sizes
 from residual_mpc.diagnosis.phases.search import Searched, search_effects, search_further
 from residual_mpc.diagnosis.phases.set_aside import unlike_in_fits, without
@@ -67,12 +68,12 @@ def _refined(prepared: Prepared, keep: Keeper, rng: np.random.Generator, progres
     sizes in each run, or once more without the stretches that turn out to be unlike everything else, unless that only
     takes away what served them."""
     refined = _refined_once(keep("search", lambda: search_effects(prepared, rng, progress, keep, told)), rng, progress)
-    in_part = partly(prepared, refined, lambda found: _refined_once(found, rng, quiet), rng, progress)
-    if in_part is not None:
-        return in_part
-    by_run = with_run_sizes(refined, lambda found: _refined_once(found, rng, quiet), rng, progress)
-    if by_run is not None:
-        return by_run
+    if much_left(prepared, refined.explanation.final.values, rng):
+        finish = partial(_refined_once, rng=rng, progress=progress)
+        varied = effects_in_parts(prepared, refined, finish, rng, progress)
+        varied = varied or with_run_sizes(refined, finish, rng, progress)
+        if varied is not None:
+            return varied
     aside, serving = unlike_in_fits(prepared, refined)
     if not aside:
         return refined

@@ -59,6 +59,10 @@ class Settings:
         others = tuple(x.take(index) for x in self.others)
         return Settings(count, effects, {k: v[index] for k, v in self.tuned.items()}, others)
 
+    def of_group(self, group: int) -> "Settings":
+        """The values on the windows of a group, 0 for those of no other, alike everywhere."""
+        return self.others[group - 1] if group > 0 and self.others else replace(self, others=())
+
     def acting(self) -> "Settings":
         """The same without the effects that do nothing in any row; some rows may lack what others have."""
         live = {e: ps for e, ps in self.effects.items() if not is_null(e, ps).all()}

@@ -12,17 +12,20 @@ from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.data.parts import after, before, grouped, groups_of, in_runs
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.phases.remaining import better, compared, window_errors
 from residual_mpc.diagnosis.phases.splits import Split, _step, sharpened, timeline_of, with_held_runs
 from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.group_space import group_space
+from residual_mpc.diagnosis.predict.noise_errors import start_errors
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.document import to_document
-from residual_mpc.diagnosis.results.settings import PartSettings
+from residual_mpc.diagnosis.results.settings import PartSettings, ResultSettings
 from residual_mpc.logs.run import Run
-from residual_mpc.models.settings import Knob
+from residual_mpc.models.settings import Knob, Settings
 
 ROVER = DiffDrive("rover", 0.033, 0.16)
 TRACK, LAG = Knob("track_width", None, "scale"), Knob("actuator_lag", None, "time_constant")
@@ -156,7 +159,7 @@ def test_the_instant_moves_to_where_the_windows_show_it() -> None:
     true, n = 14, line.run.size
     inside, outside = np.where(np.arange(n) < true, 1.0, 0.01), np.where(np.arange(n) < true, 0.01, 1.0)
     inside[true] = 0.4  # the instant lies within this window
-    found = sharpened(line, Split(after((0, 12.0), (0, 12.0), 1), 12), inside, outside)
+    found = sharpened(line, Split(after((0, 12.0), (0, 12.0), 1), 12), inside, outside, PartSettings())
     assert found.at == true and found.part.rest[0][1] == pytest.approx(line.start[true])
     assert found.part.where[0][0] == pytest.approx(line.start[true] + line.horizon)
 
@@ -170,3 +173,35 @@ def test_a_size_that_differs_between_runs_is_fitted_for_each() -> None:
     assert list(track["by_run"].values()) == pytest.approx(true, abs=0.015) and track["probability"] > 0.7
     assert lag["parameters"]["time_constant"]["value"] == pytest.approx(0.15, abs=0.02) and "by_run" not in lag
     assert found["verdict"] == "effects" and found["gap"]["after"] < 1.3 * found["gap"]["noise_floor"]
+    values = {v["effect"]: v["value"] for v in found["model"]["values"]}
+    assert values["track_width"] == pytest.approx(true[-1], abs=0.015)  # the robot as it is in the last run
+    low, high = track["parameters"]["scale"]["ci95"]
+    assert low < np.mean(true) < high and high - low > 0.1  # the runs disagree
+
+
+def test_the_noise_floor_does_not_depend_on_how_the_windows_are_grouped() -> None:
+    data = build_dataset([rover_run("r0", {}, seconds=30.0)], [ROVER], SIGMA)
+    parts = grouped(data, groups_of(data, after((0, 12.0), (0, 12.0), 1)))
+    noise = {key: np.ones(len(s.y)) for key, s in data.signals.items()}
+    one, two = (start_errors(d, Settings(1), noise) for d in (data, parts))
+    assert parts.blocks[1:] and one.keys() == two.keys()
+    for channel, error in one.items():
+        np.testing.assert_allclose(two[channel], error)
+
+
+def test_few_stretches_prove_nothing() -> None:
+    data = build_dataset([rover_run("r0", {}, seconds=30.0)], [ROVER], SIGMA)
+    few, settings = data.take(np.arange(data.count) < 6), ResultSettings()
+    large, small = np.full(data.count, 0.1), np.full(data.count, 0.001) * (1.0 + 0.01 * np.arange(data.count))
+    assert better(data, small, large, settings.parts, settings.fit)
+    assert not better(few, small[:6], large[:6], settings.parts, settings.fit)
+
+
+def test_windows_without_a_sample_say_nothing() -> None:
+    data = build_dataset([rover_run("r0", {}, seconds=10.0)], [ROVER], SIGMA)
+    y = data.y.copy()
+    y[3] = np.nan
+    blind, predicted = replace(data, y=y), np.zeros_like(y)
+    predicted[4] = np.nan  # diverged
+    errors = window_errors(blind, measure_scales(data), predicted)
+    assert errors[3] == 0.0 and errors[4] == 1.0 and not compared(blind)[3] and compared(blind)[4]

@@ -11,7 +11,7 @@ from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.options import Progress
 from residual_mpc.diagnosis.phases.validate import Validated
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup
-from residual_mpc.diagnosis.predict.group_space import GroupSpace
+from residual_mpc.diagnosis.predict.group_space import GroupSpace, sized
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.remainder.description import describe_remainder
 from residual_mpc.diagnosis.remainder.learning import NOTHING, Learned, Learner, learn, remainder_of
@@ -20,6 +20,7 @@ from residual_mpc.diagnosis.remainder.resemblance import resembles
 from residual_mpc.diagnosis.results.alternatives import alternatives, candidates, rival_sets
 from residual_mpc.diagnosis.results.causes import causes_of, most_sure, refitted_without
 from residual_mpc.diagnosis.results.conditions import moved, notes, setup
+from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.gaps import ExplanationGaps
 from residual_mpc.diagnosis.results.next_experiment import next_experiment
 from residual_mpc.diagnosis.results.one_encoder import of_one_encoder
@@ -31,7 +32,7 @@ from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.diagnosis.results.verdict import beats_forecast, clearest, deciding, judged_share
 from residual_mpc.diagnosis.search.acceptance import Ruler
 from residual_mpc.effects.laws import is_law
-from residual_mpc.models.settings import Term
+from residual_mpc.models.settings import Term, Values
 
 LIKELY = 0.5  # probability of an effect, with what the runs do not tell from it, from which it explains a gap
 
@@ -95,9 +96,9 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     refitted = partial(refitted_without, of, steps=validated.options.final_steps, settings=settings)
     causes: tuple[Cause, ...] = ()
     if helps:
-        varying = {**varying, **of.run_sizes}
+        varying = {**varying, **{t: _with(varying.get(t), v) for t, v in of.run_sizes.items()}}
         causes = causes_of(of, share, sure, supports, doubt, refitted, settings=settings, varying=varying)
-    varying = {**varying, **of.partly}
+    varying = {**varying, **{t: _with(varying.get(t), v) for t, v in of.partly.items()}}
     looked_at = candidates(of.rivalry, of.base, final, shared(sure, groups), of.left_out, every_doubt) if helps else ()
     looked_at = as_named(looked_at, causes)
     if verdict == "effects" and not validated.judged.told and not _likely(causes, looked_at, groups):
@@ -137,7 +138,25 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
         values=of.space.whole(final.values) if helps else of.base.values,
         notes=notes(of, validated.judged, odd, unlike, settings=settings),
         groups_of_windows=of.space.groups if helps and isinstance(of.space, GroupSpace) else (),
+        at_the_end=_at_the_end(of) if helps else None,
     )
+
+
+def _with(known: Variation | None, found: Variation) -> Variation:
+    """A variation that the fit accounts for, with what else was found of the same effect."""
+    if known is None:
+        return found
+    return replace(known, by_run=found.by_run, since=found.since, until=found.until, free=found.free)
+
+
+def _at_the_end(of: FittedExplanation) -> Values | None:
+    """The values in the group of the last window; None where no group has values of its own."""
+    if not isinstance(of.space, GroupSpace):
+        return None
+    last = np.lexsort((of.raw.start, of.raw.run))[-1]
+    group = next(b.group for b in of.raw.blocks if b.where.start <= last < b.where.stop)
+    sizes = of.space.groups[group - 1] if group > 0 else {}
+    return of.space.whole(sized(of.final.values, sizes, of.space.bounds))
 
 
 def _likely(causes: Sequence[Cause], looked_at: Sequence[Candidate], groups: Sequence[ConfoundedGroup]) -> bool:

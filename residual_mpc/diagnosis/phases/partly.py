@@ -5,22 +5,22 @@ without which the rest of the runs is predicted better act in the part only.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain, combinations
 
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
-from residual_mpc.diagnosis.data.gap import Scales
 from residual_mpc.diagnosis.data.parts import Part, groups_of
 from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.options import Progress
 from residual_mpc.diagnosis.phases.horizons import everywhere
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.phases.refine import Refined, refine
-from residual_mpc.diagnosis.phases.regroup import regrouped
-from residual_mpc.diagnosis.phases.remaining import Finish, better, missed, much_left, quiet
+from residual_mpc.diagnosis.phases.regroup import regrouped, still_judged
+from residual_mpc.diagnosis.phases.remaining import Finish, better, compared, of_a_part, window_errors
 from residual_mpc.diagnosis.phases.search import Searched, search_effects
+from residual_mpc.diagnosis.phases.set_aside import with_fits_on
 from residual_mpc.diagnosis.phases.splits import Split, sharpened, splits, timeline_of, with_held_runs
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.replay import predict
@@ -30,53 +30,82 @@ from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Term, Values
 from residual_mpc.models.size_numbers import size_knobs
 
+TOGETHER = 8  # sets of effects that are predicted at once
 
-def partly(
+
+def effects_in_parts(
     prepared: Prepared, refined: Refined, finish: Finish, rng: np.random.Generator, progress: Progress
 ) -> Refined | None:
     """The explanation in which some effects act in a part of the runs alone; None where the runs do not show any.
     finish: fits what a search has found to the end."""
-    settings = prepared.options.settings.parts
-    if not much_left(prepared, refined.explanation.final.values, rng):
-        return None
-    for split in splits(prepared, refined)[: settings.tried]:
-        progress("searching in a part of the runs", 0.3)
-        found = _in_part(prepared, refined.explanation.final.values, split, finish, rng.spawn(1)[0])
+    steady = refined.explanation.final.values
+    for split in splits(prepared, refined)[: prepared.options.settings.parts.tried]:
+        inside = _within_part(prepared, split, rng.spawn(1)[0], of_a_part(progress))
+        found = None if inside is None else _in_all_runs(prepared, steady, inside, finish, rng.spawn(1)[0], progress)
         if found is not None:
             return found
     return None
 
 
-def _in_part(
-    prepared: Prepared, steady: Values, split: Split, finish: Finish, rng: np.random.Generator
-) -> Refined | None:
-    """What a search in the part alone finds, carried on in all runs; None where no effect of it is absent from the
-    rest, or it explains all runs hardly better than effects that always act."""
+@dataclass(frozen=True, eq=False)
+class _Inside:
+    """What was found in a part alone. values: the numbers; terms: the effects that act there alone, with those that
+    rivals have in their place; windows: all of them, told apart; sigma: of the last fit."""
+
+    split: Split
+    values: Values
+    terms: frozenset[Term]
+    windows: Prepared
+    sigma: np.ndarray
+
+
+def _within_part(prepared: Prepared, split: Split, rng: np.random.Generator, progress: Progress) -> _Inside | None:
+    """What a search in the part alone finds; None where no effect of it is absent from the rest."""
     settings = prepared.options.settings
-    searched = search_effects(_only_inside(prepared, split.part), rng, quiet)
-    values = refine(searched, rng, quiet).explanation.final.values
+    searched = search_effects(with_fits_on(prepared, split.part.inside), rng, progress)
+    values = refine(searched, rng, progress).explanation.final.values
     absent = _absent(prepared, values, split.part, settings.parts)
     if not absent:
         return None
-    part = _sharpened(prepared, values, absent, split)
-    terms = frozenset(absent) | _in_their_place(searched, absent)
-    of = regrouped(prepared, lambda data: groups_of(data, part.part), [dict.fromkeys(terms, 0.0)])
+    split = _sharpened(prepared, values, absent, split)
+    terms = frozenset(absent) | _rival_terms(searched, absent)
+    windows = regrouped(prepared, lambda data: groups_of(data, split.part), [dict.fromkeys(terms, 0.0)])
+    return _Inside(split, values, terms, windows, searched.found.sigma)
+
+
+def _in_all_runs(
+    prepared: Prepared,
+    steady: Values,
+    inside: _Inside,
+    finish: Finish,
+    rng: np.random.Generator,
+    progress: Progress,
+) -> Refined | None:
+    """What was found in the part, carried on in all runs; None where it explains them hardly better than effects that
+    always act, or where no held-out window is left."""
+    of, settings = inside.windows, prepared.options.settings
     data = everywhere(of)
-    problem = build_problem(data, of.space, searched.found.sigma, of.scales.motion, settings=settings.predict)
-    (fit,) = fit_all(problem, [values], settings=settings.fit)  # the part was another before its instant moved
-    values = fit.values
-    rows = ((of, values), (prepared, steady))
-    now, before = (missed(data, of.scales, predict(data, p.space.settings([v]))[0]) for p, v in rows)
-    if not better(data, now, before, settings.parts, settings.fit):
+    before = window_errors(data, of.scales, predict(data, prepared.space.settings([steady]))[0])
+
+    def improves(values: Values) -> bool:
+        now = window_errors(data, of.scales, predict(data, of.space.settings([values]))[0])
+        return better(data, now, before, settings.parts, settings.fit)
+
+    problem = build_problem(data, of.space, inside.sigma, of.scales.motion, settings=settings.predict)
+    (fit,) = fit_all(problem, [inside.values], settings=settings.fit)  # the part was another before its instant moved
+    if not still_judged(prepared, of) or not improves(fit.values):
         return None
     # what acts everywhere may be another effect than the one that the part alone shows
-    begun = replace(of, options=replace(of.options, start=values))
-    made = finish(search_effects(begun, rng, quiet))
-    made = replace(made, prepared=of)
+    begun = replace(of, options=replace(of.options, start=fit.values))
+    made = finish(search_effects(begun, rng, progress))
     final = made.explanation.final
-    named = [t for t in final.terms if t in terms]
-    said = {t: part.variation(data.runs) or _by_run(of.clean, part.part, final.values, t) for t in named}
-    return replace(made, explanation=replace(made.explanation, partly=said)) if said else None
+    named = [t for t in final.terms if t in inside.terms]
+    if not named or not improves(final.values):
+        return None
+    part, runs = inside.split.part, data.runs
+    variation = inside.split.variation(runs)
+    varying = {t: variation or _by_run(of.clean, part, final.values, t) for t in named}
+    return replace(made, prepared=of, explanation=replace(made.explanation, partly=varying))
 
 
 def _sharpened(prepared: Prepared, values: Values, absent: Sequence[Term], split: Split) -> Split:
@@ -84,14 +113,15 @@ def _sharpened(prepared: Prepared, values: Values, absent: Sequence[Term], split
     less = {k: v for k, v in values.items() if k.term not in absent}
     rows = prepared.space.settings([values, less])
 
-    def both(data: Dataset, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        inside, outside = (missed(data, prepared.scales, y)[order] for y in predict(data, rows))
+    def errors(data: Dataset, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        inside, outside = (window_errors(data, prepared.scales, y)[order] for y in predict(data, rows))
         return inside, outside
 
-    line, order = timeline_of(prepared.fitting)
-    split = sharpened(line, split, *both(prepared.fitting, order))
-    line, order = timeline_of(prepared.clean)
-    part = with_held_runs(line, split.part, prepared.free[order], *both(prepared.clean, order))
+    data = prepared.fitting.take(compared(prepared.fitting))
+    timeline, order = timeline_of(data)
+    split = sharpened(timeline, split, *errors(data, order), prepared.options.settings.parts)
+    timeline, order = timeline_of(prepared.clean)
+    part = with_held_runs(timeline, split.part, prepared.free[order], *errors(prepared.clean, order))
     return replace(split, part=part)
 
 
@@ -102,8 +132,13 @@ def _absent(prepared: Prepared, values: Values, part: Part, settings: PartSettin
     rest = rest.take(part.outside(rest))
     terms = list(dict.fromkeys(k.term for k in values if k.effect != TUNE))[: settings.most]
     sets = [frozenset(s) for s in chain.from_iterable(combinations(terms, n) for n in range(len(terms) + 1))]
-    rows = prepared.space.settings([{k: v for k, v in values.items() if k.term not in s} for s in sets])
-    left = [missed(rest, prepared.scales, y) for y in predict(rest, rows)]
+    if not rest.count or not terms:
+        return ()
+    rows = [{k: v for k, v in values.items() if k.term not in s} for s in sets]
+    left: list[np.ndarray] = []
+    for k in range(0, len(rows), TOGETHER):
+        predicted = predict(rest, prepared.space.settings(rows[k : k + TOGETHER]))
+        left += [window_errors(rest, prepared.scales, y) for y in predicted]
     sums = [float(x.sum()) for x in left]
     least = min(sums)
     # an effect that hardly acts in the rest is not absent from it: of sets that do as well, the smallest
@@ -112,7 +147,7 @@ def _absent(prepared: Prepared, values: Values, part: Part, settings: PartSettin
     return tuple(t for t in terms if t in sets[best]) if fewer else ()
 
 
-def _in_their_place(searched: Searched, absent: Sequence[Term]) -> frozenset[Term]:
+def _rival_terms(searched: Searched, absent: Sequence[Term]) -> frozenset[Term]:
     """What rivals have in place of effects that act in the part alone: it acts there alone as well."""
     return frozenset(t for r in searched.rivalry.rivals if set(r.gone) <= set(absent) for t in r.came)
 
@@ -126,15 +161,3 @@ def _by_run(data: Dataset, part: Part, values: Values, term: Term) -> Variation:
         acts = {name: values[knob] for i, name in runs.items() if i in part.where}
         return Variation(by_run=acts, free=tuple(name for name in runs.values() if name not in acts))
     return Variation(by_run={name: values[knob] if i in part.where else null for i, name in runs.items()})
-
-
-def _only_inside(prepared: Prepared, part: Part) -> Prepared:
-    """With the windows in the part alone for the fits."""
-
-    def inside(windows: tuple[Dataset, Scales] | None) -> tuple[Dataset, Scales] | None:
-        keep = np.zeros(0, dtype=bool) if windows is None else part.inside(windows[0])
-        return None if windows is None or not keep.any() else (windows[0].take(keep), windows[1])
-
-    longer = tuple(replace(look, free=inside(look.free)) for look in prepared.longer)
-    free = prepared.free & part.inside(prepared.raw)
-    return replace(prepared, free=free, longer=longer, near=inside(prepared.near))

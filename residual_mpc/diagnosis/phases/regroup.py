@@ -15,28 +15,34 @@ from residual_mpc.diagnosis.predict.horizons import HorizonWindows
 GroupsOf = Callable[[Dataset], np.ndarray]  # (W,) the group of each window, negative for those that are left out
 
 
-def regrouped(prepared: Prepared, groups_of: GroupsOf, sizes: Sequence[Sizes]) -> Prepared:
+def regrouped(prepared: Prepared, group: GroupsOf, sizes: Sequence[Sizes]) -> Prepared:
     """All windows in these groups, and the hypotheses with these sizes in the groups 1, 2, ..."""
 
-    def told(windows: tuple[Dataset, Scales] | None) -> tuple[Dataset, Scales] | None:
-        here = None if windows is None else grouped(windows[0], groups_of(windows[0]))
+    def windows_of(windows: tuple[Dataset, Scales] | None) -> tuple[Dataset, Scales] | None:
+        here = None if windows is None else grouped(windows[0], group(windows[0]))
         return None if here is None or windows is None or not here.count else (here, windows[1])
 
-    def look_told(look: HorizonWindows) -> HorizonWindows | None:
-        group = groups_of(look.raw)
-        if not (group >= 0).any():
-            return None
-        raw, clean = grouped(look.raw, group), grouped(look.clean, group)
-        return replace(look, raw=raw, clean=clean, held=look.held[group >= 0], free=told(look.free))
+    def horizon_of(look: HorizonWindows) -> HorizonWindows | None:
+        mine = group(look.raw)
+        keep = mine >= 0
+        if not keep.any() or (look.held.any() and not look.held[keep].any()):
+            return None  # what is left was seen by fits
+        raw, clean = grouped(look.raw, mine), grouped(look.clean, mine)
+        return replace(look, raw=raw, clean=clean, held=look.held[keep], free=windows_of(look.free))
 
-    group = groups_of(prepared.raw)
+    mine = group(prepared.raw)
     return replace(
         prepared,
-        raw=grouped(prepared.raw, group),
-        clean=grouped(prepared.clean, group),
-        held=prepared.held[group >= 0],
-        free=prepared.free[group >= 0],
+        raw=grouped(prepared.raw, mine),
+        clean=grouped(prepared.clean, mine),
+        held=prepared.held[mine >= 0],
+        free=prepared.free[mine >= 0],
         space=group_space(prepared.space, sizes),
-        longer=tuple(x for look in prepared.longer if (x := look_told(look)) is not None),
-        near=told(prepared.near),
+        longer=tuple(x for look in prepared.longer if (x := horizon_of(look)) is not None),
+        near=windows_of(prepared.near),
     )
+
+
+def still_judged(before: Prepared, now: Prepared) -> bool:
+    """Whether windows that were held out are left to judge by, if there were any."""
+    return bool(now.held.any()) or not bool(before.held.any())

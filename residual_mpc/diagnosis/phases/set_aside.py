@@ -1,6 +1,6 @@
 """The search once more without stretches that are unlike everything else: they make it name what nothing else shows."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -50,11 +50,15 @@ def _odd_run(data: Dataset, gaps: np.ndarray) -> tuple[KeptBack, ...]:
 
 def without(prepared: Prepared, aside: Sequence[KeptBack]) -> Prepared:
     """What no fit sees any more; the figures are about all windows."""
+    return with_fits_on(prepared, lambda data: ~across(data, aside))
+
+
+def with_fits_on(prepared: Prepared, mask: Callable[[Dataset], np.ndarray]) -> Prepared:
+    """With fits on the windows of a mask (W,) alone."""
 
     def less(windows: tuple[Dataset, Scales] | None) -> tuple[Dataset, Scales] | None:
-        keep = np.zeros(0, dtype=bool) if windows is None else ~across(windows[0], aside)
+        keep = np.zeros(0, dtype=bool) if windows is None else mask(windows[0])
         return None if windows is None or not keep.any() else (windows[0].take(keep), windows[1])
 
     longer = tuple(replace(look, free=less(look.free)) for look in prepared.longer)
-    free = prepared.free & ~across(prepared.raw, aside)
-    return replace(prepared, free=free, longer=longer, near=less(prepared.near))
+    return replace(prepared, free=prepared.free & mask(prepared.raw), longer=longer, near=less(prepared.near))

@@ -6,17 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
-from residual_mpc.diagnosis.data.gap import per_window
 from residual_mpc.diagnosis.data.parts import Part, after, before, in_runs
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.phases.refine import Refined
+from residual_mpc.diagnosis.phases.remaining import compared, window_errors
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.settings import PartSettings
-from residual_mpc.diagnosis.results.variation import variations
+from residual_mpc.diagnosis.results.variation import variations_in_fits
 from residual_mpc.diagnosis.results.variation_records import Instant, Variation
 from residual_mpc.logs.run import Run
-
-CROSSING = 4.0  # times the usual squared error of a window, from which one next to the instant lies across it
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,16 +62,17 @@ def splits(prepared: Prepared, refined: Refined) -> list[Split]:
     """The likeliest first: from or up to the instant at which a named effect begins or ends, and where the gap is far
     larger than in the rest."""
     of, settings, data = refined.explanation, prepared.options.settings, prepared.fitting
+    data = data.take(compared(data))
     line, order = timeline_of(data)
     out: list[Split] = []
-    for variation in variations(of, settings).values() if of.final.terms else ():
+    for variation in variations_in_fits(of, settings).values() if of.final.terms else ():
         instant = variation.since or variation.until
         if instant is not None:
             run = [r.name for r in line.runs].index(instant.run)
             earlier = (line.run < run) | ((line.run == run) & (line.start + 0.5 * line.horizon < instant.t))
             out += _at(line, int(earlier.sum()), variation.since is not None)
     for values in (of.base.values, of.final.values):
-        square = per_window(data, prepared.scales, data.y - predict(data, prepared.space.settings([values]))[0])
+        square = window_errors(data, prepared.scales, predict(data, prepared.space.settings([values]))[0])
         out += _by_level(line, square[order], settings.parts)
     distinct: list[Split] = []
     for split in out:
@@ -83,16 +82,18 @@ def splits(prepared: Prepared, refined: Refined) -> list[Split]:
     return distinct
 
 
-def sharpened(line: Timeline, split: Split, inside: np.ndarray, outside: np.ndarray) -> Split:
+def sharpened(line: Timeline, split: Split, inside: np.ndarray, outside: np.ndarray, settings: PartSettings) -> Split:
     """The split at the instant that suits squared errors (W,) with the effects and without them best; windows next to
     it that neither suits lie across it, and belong to neither side."""
     if split.at is None:
         return split
     early, late = (outside, inside) if split.begins else (inside, outside)
-    places = np.arange(1, len(line.run))
+    places = np.arange(settings.fewest, len(line.run) - settings.fewest + 1)
+    if not len(places):
+        return split
     costs = [float(early[:n].sum() + late[n:].sum()) for n in places]
     n = int(places[int(np.argmin(costs))])
-    most = CROSSING * float(np.median(np.concatenate([early[:n], late[n:]])))
+    most = settings.crossing * float(np.median(np.concatenate([early[:n], late[n:]])))
     lost = (int(early[n - 1] > most), int(late[n] > most))
     return next(iter(_at(line, n, split.begins, *lost)), split)
 
@@ -127,7 +128,7 @@ def _at(line: Timeline, n: int, begins: bool, lost_before: int = 0, lost_after: 
 def _by_level(line: Timeline, square: np.ndarray, settings: PartSettings) -> list[Split]:
     """The split in time, and that between the runs, at which the logarithm of the windows' squared gaps (W,) changes
     most, where it changes beyond doubt."""
-    level, runs = np.log(np.maximum(np.nan_to_num(square, nan=0.0), 1e-12)), np.unique(line.run)
+    level, runs = np.log(np.maximum(square, 1e-12)), np.unique(line.run)
     out: list[Split] = []
     every = np.arange(settings.fewest, len(line.run) - settings.fewest + 1)
     if (step := _step(level, every, settings)) is not None:

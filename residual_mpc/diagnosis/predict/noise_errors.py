@@ -52,14 +52,16 @@ def start_bias(data: Dataset, settings: Settings) -> dict[str, np.ndarray]:
     out: dict[str, np.ndarray] = {}
     left = np.zeros(data.count, dtype=bool)
     for block in data.blocks:
-        nodes, reaches = run_up(data, block, settings, REACH)
-        _add_bias(out, data, block, settings, nodes, reaches, REACH)
+        here = settings.of_group(block.group)
+        nodes, reaches = run_up(data, block, here, REACH)
+        _add_bias(out, data, block, here, nodes, reaches, REACH)
         left[block.where] = ~reaches
     if left.any():
         few, first = data.take(left), dict[str, np.ndarray]()
         for block in few.blocks:
-            nodes, reaches = run_up(few, block, settings, 0.0)
-            _add_bias(first, few, block, settings, nodes, reaches, 0.0)
+            here = settings.of_group(block.group)
+            nodes, reaches = run_up(few, block, here, 0.0)
+            _add_bias(first, few, block, here, nodes, reaches, 0.0)
         for channel, bias in first.items():
             out[channel][left] = bias
     return out
@@ -133,18 +135,19 @@ def start_errors(data: Dataset, settings: Settings, noise: dict[tuple[int, str],
     """Errors of the start states (W,) by channel that a noise on the signals causes under one hypothesis."""
     out: dict[str, np.ndarray] = {}
     for block in data.blocks:
+        here, windows = settings.of_group(block.group), np.arange(data.count)[block.where]
         for state in block.robot.states:
             position, rate = np.zeros(data.count), np.zeros(data.count)
             memory = {c: np.zeros(data.count) for c in (state.position, state.velocity) if c}
-            for i in np.unique(data.run[block.where]):
-                mine = np.flatnonzero(data.run == i)
+            for i in np.unique(data.run[windows]):
+                mine = windows[data.run[windows] == i]
                 for channel in memory:
                     signal = data.signals.get((int(i), channel))
                     if signal is None:
                         continue
                     fit, n = local_fit(signal.t, data.start[mine]), noise[int(i), channel]
-                    lag = _number(block, settings, "reading lag", channel, 0.0)
-                    scale = _number(block, settings, "reading scale", channel, 1.0)
+                    lag = _number(block, here, "reading lag", channel, 0.0)
+                    scale = _number(block, here, "reading scale", channel, 1.0)
                     memory[channel][mine] = np.nan_to_num(fit.value(n)) / scale
                     value = memory[channel][mine]
                     if lag > 0.0:

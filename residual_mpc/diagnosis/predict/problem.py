@@ -194,8 +194,9 @@ def _lags(data: Dataset, settings: Settings) -> dict[str, float]:
     """s: the low-pass of each channel that has one, under one hypothesis."""
     found = {}
     for block in data.blocks:
+        here = settings.of_group(block.group)
         for channel in (c for s in block.robot.states for c in (s.position, s.velocity) if c in data.channels):
-            lag = sensor_value(block.robot, settings, "reading lag", channel)
+            lag = sensor_value(block.robot, here, "reading lag", channel)
             if lag is not None and lag[0] > 0.0:
                 found[channel] = float(lag[0])
     return found

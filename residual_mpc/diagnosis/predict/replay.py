@@ -32,8 +32,7 @@ def predict(data: Dataset, settings: Settings, nudge: Start | None = None) -> np
     h, (w, m), c = settings.rows, data.t.shape, len(data.channels)
     out = np.full((h, w, m, c), np.nan)
     for block in data.blocks:
-        grouped = block.group > 0 and bool(settings.others)
-        here = settings.others[block.group - 1] if grouped else replace(settings, others=())
+        here = settings.of_group(block.group)
         first, back = np.arange(h), np.arange(h)
         # hypotheses that differ only in other groups have the same prediction here
         if settings.others and nudge is None:

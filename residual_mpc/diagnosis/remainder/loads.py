@@ -20,7 +20,7 @@ def joint_loads(data: Dataset, settings: Settings) -> Loads:
     """
     out: dict[str, np.ndarray] = {}
     for block in data.blocks:
-        for joint, load in _of_block(data, block, settings).items():
+        for joint, load in _of_block(data, block, settings.of_group(block.group)).items():
             out.setdefault(joint, np.zeros(data.t.shape))[block.where] = load
     return out
 

@@ -56,7 +56,7 @@ def causes_of(
             causes.append(Cause(term, sure[term] * doubt[term], (), summary, None, evidence, law))
             continue
         estimates = estimates_of(of, term, spread, unexplained, lacking, settings=settings) if lacking else sized[term]
-        by_number = _doubt_by_numbers(of.problem.space, term, estimates, settings)
+        by_number = _doubt_by_numbers(of, term, estimates, settings)
         slots = of.problem.space.slots[term.effect]
         only = slots[0] if len(slots) == 1 and BY_NAME[term.effect].target in ("actuator", "joint", "body") else None
         probability = sure[term] * of.rivalry.shares.get(term, 1.0) * doubt[term] * by_number
@@ -79,16 +79,20 @@ def _doubtful(
         factor = doubt[term]
         # of an effect that predicts much, a number at its bound doubts the name, not that something is there
         if term in sized and supports[term].beside < settings.causes.minor:
-            factor *= _doubt_by_numbers(of.problem.space, term, sized[term], settings)
+            factor *= _doubt_by_numbers(of, term, sized[term], settings)
         if factor < settings.causes.doubtful:
             found.append(term)
     return found
 
 
-def _doubt_by_numbers(space: Space, term: Term, estimates: Sequence[Estimate], settings: ResultSettings) -> float:
-    """A factor on the probability of an effect: less where a number rests on a bound, or where it may do nothing."""
+def _doubt_by_numbers(
+    of: FittedExplanation, term: Term, estimates: Sequence[Estimate], settings: ResultSettings
+) -> float:
+    """A factor on the probability of an effect: less where a number rests on a bound, or where it may do nothing. One
+    that may do nothing in some runs, with its own size in each, does something in others."""
     rests = any(e.note == AT_BOUND for e in estimates)
-    return settings.causes.resting if rests or _may_be_none(space, term, estimates) else 1.0
+    nothing = term not in of.run_sizes and _may_be_none(of.problem.space, term, estimates)
+    return settings.causes.resting if rests or nothing else 1.0
 
 
 def _may_be_none(space: Space, term: Term, estimates: Sequence[Estimate]) -> bool:

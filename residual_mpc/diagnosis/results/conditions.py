@@ -27,17 +27,21 @@ SMALLER_STEP = (
 
 
 def _in_parts(of: FittedExplanation) -> list[str]:
-    """Effects that act in a part of the runs alone."""
+    """Effects that act in a part of the runs alone, or have their own size in each run."""
+    said = []
+    if of.partly:
+        said.append(
+            "Windows across the instant at which an effect begins or ends are left out of all figures, and so are "
+            "held-out windows next to it."
+        )
     ended = [str(t) for t, v in of.partly.items() if v.until is not None]
-    said = [
-        "Windows across the instant at which an effect begins or ends are left out of all figures, and so are held-out "
-        "windows next to it."
-    ]
     if ended:
         said.append(f"{', '.join(ended)} acts no longer at the end of the runs: model.json leaves it out.")
-    else:
-        said.append("model.json describes the robot in the runs in which all effects act.")
-    return [*said, "To train a network on this model, name runs that it holds for."]
+    said.append(
+        "model.json describes the robot at the end of the last run. To train a network on it, name runs that it holds "
+        "for."
+    )
+    return said
 
 
 def _left_out(runs: Sequence[Run]) -> list[str]:
@@ -128,7 +132,7 @@ def notes(
             "that is sent."
         )
     said += [str(x["note"]) for x in (odd, unlike) if x is not None]
-    if found.helps and of.partly:
+    if found.helps and (of.partly or of.run_sizes):
         said += _in_parts(of)
     if of.doubtful:
         said.append(

@@ -95,7 +95,7 @@ def to_model(d: Diagnosis) -> dict[str, Any]:
     return {
         "schema": MODEL_SCHEMA,
         "robot": d.robot,
-        "values": _rows(d.at_the_end),
+        "values": _rows(d.last_values),
         "leaves_out_outliers": outliers,
     }
 

@@ -59,6 +59,9 @@ def spread_of(of: FittedExplanation, varying: Mapping[Term, Variation], settings
     others |= {k: (*others[k], final.values[k] + more) for k, more in held.items()}
     for term, sizes in by_run.items():
         knob = size_knobs(final.values, term)[0]
+        if term in of.run_sizes and len(sizes) > 1:  # the fit has taken out by how much the runs disagree
+            i = final.knobs.index(knob)
+            sigma[i] = max(float(sigma[i]), float(np.std(sizes, ddof=1) / np.sqrt(len(sizes))))
         others[knob] = (*others[knob], float(np.mean(sizes)))
     return Spread(sigma, aside, others)
 

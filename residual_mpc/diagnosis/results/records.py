@@ -164,7 +164,8 @@ class Setup:
 @dataclass(frozen=True)
 class Diagnosis:
     """The whole answer. groups_of_windows: the sizes of effects in the groups 1, 2, ... of windows (see `Block`), where
-    they have another one there, or do nothing."""
+    they have another one there, or do nothing; at_the_end: the values at the end of the runs, None where they are the
+    same."""
 
     robot: str
     verdict: Verdict
@@ -194,13 +195,12 @@ class Diagnosis:
     values: Values
     notes: tuple[str, ...]
     groups_of_windows: tuple[Sizes, ...] = ()
+    at_the_end: Values | None = None
 
     @property
-    def at_the_end(self) -> Values:
-        """The values without the effects that ended in the middle of the runs."""
-        absent = {t for sizes in self.groups_of_windows for t, size in sizes.items() if size == 0.0}
-        ended = {c.term for c in self.causes if c.term in absent and c.variation and c.variation.until}
-        return {k: v for k, v in self.values.items() if k.term not in ended}
+    def last_values(self) -> Values:
+        """The values at the end of the runs."""
+        return self.values if self.at_the_end is None else self.at_the_end
 
 
 @dataclass(frozen=True)

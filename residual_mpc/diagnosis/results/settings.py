@@ -139,7 +139,9 @@ class PartSettings:
     rest, up to which fewer effects are absent. smaller: times the squared error of effects that always act alike, below
     which the others count, if the mean logarithm of the ratio is more than `told` times its standard error between the
     stretches of time in which the two differ by more than the share `alike` of what is usually left. sized: factor on
-    the probability of an effect with its own size in each run: another law may make it."""
+    the probability of an effect with its own size in each run: another law may make it. stretches: fewest of these;
+    sizes_tried: of a held-out run, over the range of the others' sizes and the share `wider` of it on either side;
+    crossing: times the usual squared error of a window, from which one next to the instant lies across it."""
 
     over_floor: float = 1.5
     fewest: int = 5
@@ -152,9 +154,14 @@ class PartSettings:
     told: float = 3.0
     alike: float = 0.2
     sized: float = 0.85
+    stretches: int = 4
+    sizes_tried: int = 9
+    wider: float = 0.5
+    crossing: float = 4.0
 
     def __post_init__(self) -> None:
-        check_positive(self, "over_floor", "fewest", "times", "beyond_doubt", "tried", "most", "as_good", "told")
+        check_positive(self, "over_floor", "fewest", "times", "beyond_doubt", "tried", "most", "as_good", "told",
+                       "stretches", "sizes_tried", "wider", "crossing")  # fmt: skip
         check_share(self, "smaller", "alike", "sized")
 
 

@@ -18,7 +18,7 @@ from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.data.unknown_past import after_unknown_past, runs_with_unknown_past
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import Fit, on_problem
-from residual_mpc.diagnosis.predict.group_space import zero_of
+from residual_mpc.diagnosis.predict.group_space import resized, zero_of
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.results.divisions import KINDS, Division, divisions_of, divisions_of_effect
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
@@ -201,7 +201,8 @@ def _divided(
     if better is None or better.gain <= need or np.ptp(better.steps) <= settings.material:
         return None
     knob = size_knobs(values, scores.term)[0]
-    sizes = [float(_scaled(problem, values, scores.term, s)[knob]) for s in better.steps]
+    bounds = problem.space.bounds
+    sizes = [float(resized(values, scores.term, 1.0 + s, bounds)[knob]) for s in better.steps]
     every = dict(zip((division.names[k] for k in shown), sizes, strict=True))
     restricts = np.isinf(BY_NAME[knob.effect].parameter(knob.parameter).null)
     free = tuple(name for name, x in every.items() if restricts and x > settings.free * values[knob])
@@ -260,7 +261,7 @@ def _sizes_of(problem: Problem, values: Values, scores: _Scores, parts: list[np.
     cost = float(np.sum(scores.residuals**2))
     best: _Better | None = None
     for _ in range(ITERATIONS):
-        each = problem.residuals([_scaled(problem, values, scores.term, s) for s in steps])
+        each = problem.residuals([resized(values, scores.term, 1.0 + s, problem.space.bounds) for s in steps])
         moved = each[part, np.arange(len(part))] - steady
         r = scores.residuals + moved
         gain = (cost - float(np.sum(r * r))) / scores.phi
@@ -271,15 +272,3 @@ def _sizes_of(problem: Problem, values: Values, scores: _Scores, parts: list[np.
         curvature = np.array([float(scores.information[p].sum()) * scores.phi for p in parts])
         steps = steps - np.divide(slopes, curvature, out=np.zeros(len(parts)), where=curvature > 0.0)
     return best
-
-
-def _scaled(problem: Problem, values: Values, term: Term, step: float) -> Values:
-    """The values with the size of one effect multiplied by 1 + step, clipped to its bounds."""
-    out = dict(values)
-    for k in size_knobs(values, term):
-        low, high = problem.space.bounds(k)
-        null = zero_of(k)
-        out[k] = float(np.clip(null + (values[k] - null) * (1.0 + step), low, high))
-    return out
-
-

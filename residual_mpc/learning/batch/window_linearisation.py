@@ -114,7 +114,7 @@ def differentiate_rollout(
 ) -> tuple[int, FormRollout, np.ndarray, np.ndarray]:
     """(steps N, what was rolled, predicted (M, C), its derivative (o * N, M, C) by each output at each step)."""
     (block,) = one.blocks
-    settings = problem.settings
+    settings = problem.settings.of_group(block.group)  # rows that differ in what is pushed alone are not the same
     extra = more_steps(block.drive, earliest(block, settings), beyond(block, settings))
     longer = replace(block.drive, command=np.empty((1, block.drive.lead + block.drive.steps + extra, 1)))
     _, count = steps_of(learned.step, longer)
@@ -125,7 +125,7 @@ def differentiate_rollout(
         push[rows, np.arange(count), o] = nudge[o]
     robot, rolled = _recorded(problem, block.robot, learned, push)
     pushed = replace(one, blocks=(replace(block, robot=robot),))
-    found = predict(pushed, problem.settings.take(np.zeros(len(push), dtype=int)))[:, 0]
+    found = predict(pushed, settings.take(np.zeros(len(push), dtype=int)))[:, 0]
     size = np.repeat(nudge, count)[:, None, None]
     return count, rolled[0], found[0], np.nan_to_num((found[1:] - found[0]) / size)
 

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.data.gap import gap_of
-from residual_mpc.diagnosis.predict.group_space import in_groups
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.records import DiagnosisResult, Estimate
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.protocol import Robot
-from residual_mpc.models.settings import Knob, Settings, Term, Values, assemble
-from residual_mpc.models.targets import Targets
+from residual_mpc.models.settings import Knob, Term
 from residual_mpc.report.evidence.evidence import Array
+from residual_mpc.report.evidence.in_groups import settings_in_groups
 from residual_mpc.report.motion.choose import window_gaps
 
 VALUES = 7  # of a slider, the fitted one in the middle
@@ -89,7 +88,8 @@ def explore(made: DiagnosisResult) -> Exploration | None:
     judged = np.zeros(made.data.count, dtype=bool)
     judged[np.union1d(shown, others)] = True
     data = made.data.take(judged)
-    error = data.y - predict(data, _settings(made, rows))  # (rows, W, M, C)
+    settings = settings_in_groups(data.blocks[0].robot, rows, made.diagnosis.groups_of_windows)
+    error = data.y - predict(data, settings)  # (rows, W, M, C)
     gaps = np.array([gap_of(data, made.scales, e).total for e in error]).reshape(len(known), VALUES)
     sliders = tuple(
         Slider(term, estimate, grid, g) for (_, term, estimate), grid, g in zip(known, grids, gaps, strict=True)
@@ -114,11 +114,6 @@ def slider_values(knob: Knob, estimate: Estimate, robots: Sequence[Robot]) -> Ar
     below = np.linspace(max(ends[0], least), estimate.value, half + 1)
     above = np.linspace(estimate.value, min(ends[1], most), half + 1)
     return np.concatenate([below, above[1:]])
-
-
-def _settings(made: DiagnosisResult, rows: Sequence[Values]) -> Settings:
-    slots = Targets(made.data.blocks[0].robot)
-    return in_groups(rows, made.diagnosis.groups_of_windows, lambda some: assemble(some, slots))
 
 
 def _windows(made: DiagnosisResult, held: np.ndarray) -> list[int]:

@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Block, Dataset
-from residual_mpc.diagnosis.predict.group_space import Sizes, in_groups
+from residual_mpc.diagnosis.predict.group_space import Sizes
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.records import DiagnosisResult
 from residual_mpc.models.drawing import Motion
-from residual_mpc.models.settings import Values, assemble
-from residual_mpc.models.targets import Targets
+from residual_mpc.models.settings import Values
+from residual_mpc.report.evidence.in_groups import settings_in_groups
 
 FRAMES = 25
 
@@ -88,8 +88,8 @@ def _replayed(
     one = data.take(np.arange(data.count) == window)
     new = tuple(c for c in channels if c not in one.channels)
     one = replace(one, channels=(*one.channels, *new))
-    slots = Targets(one.blocks[0].robot)
-    found = predict(one, in_groups([values], groups, lambda some: assemble(some, slots)))[0, 0]
+    robot = one.blocks[0].robot
+    found = predict(one, settings_in_groups(robot, [values], groups))[0, 0]
     return {c: _at(instants, one.t[0], found[:, one.channels.index(c)]) for c in channels}
 
 

@@ -16,6 +16,8 @@ def over_longest(made: DiagnosisResult) -> DiagnosisResult | None:
     """The same models on these windows; None where there is no longer horizon, or where runs differ in their model."""
     data = made.data
     horizon = max((h.horizon for h in made.diagnosis.gap.horizons), default=data.horizon)
+    if made.diagnosis.groups_of_windows:
+        return None  # their windows are told apart at one horizon alone
     if horizon <= data.horizon or len(data.blocks) != 1 or data.blocks[0].drive.setting is not None:
         return None
     robot = data.blocks[0].robot
