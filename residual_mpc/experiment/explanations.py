@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from residual_mpc.errors import BadInput
+from residual_mpc.experiment.lasting import lasting
 from residual_mpc.models.fits import check_fits
 from residual_mpc.models.logged_laws import at_values
 from residual_mpc.models.model_file import values_of
@@ -31,8 +32,8 @@ def explanations_of(
     """
     try:
         of = document["robot"]
-        rows = [(document["explanation"], document["model"]["values"])]
-        others = document.get("alternatives", ())
+        own, others = lasting(document)
+        rows = [(own, document["model"]["values"])]
         came = [a for a in others if _names(a["effects"]) & set(parts)]
         swapped = [a for a in came if _names(a.get("instead_of", ())) & set(parts)]
         rows += [(a["effects"], a["values"]) for a in swapped or came or others]

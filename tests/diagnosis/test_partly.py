@@ -24,6 +24,7 @@ from residual_mpc.diagnosis.predict.noise_errors import start_errors
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.document import to_document
 from residual_mpc.diagnosis.results.settings import PartSettings, ResultSettings
+from residual_mpc.experiment.lasting import lasting
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob, Settings
 
@@ -205,3 +206,16 @@ def test_windows_without_a_sample_say_nothing() -> None:
     predicted[4] = np.nan  # diverged
     errors = window_errors(blind, measure_scales(data), predicted)
     assert errors[3] == 0.0 and errors[4] == 1.0 and not compared(blind)[3] and compared(blind)[4]
+
+
+def test_what_ended_cannot_be_tested_on_new_runs() -> None:
+    gone, stays = {"effect": "command_delay", "target": None}, {"effect": "track_width", "target": None}
+    value = {**stays, "parameter": "scale", "value": 1.2}
+    both = [value, {**gone, "parameter": "delay", "value": 0.1}]
+    document = {
+        "explanation": [{**gone, "until": {"run": "r1", "t": 3.0}}, stays],
+        "model": {"values": [value]},
+        "alternatives": [{"instead_of": [gone], "values": both}, {"instead_of": [stays], "values": both}],
+    }
+    explanation, alternatives = lasting(document)
+    assert explanation == [stays] and alternatives == [{"instead_of": [stays], "values": [value]}]

@@ -12,6 +12,7 @@ from residual_mpc.experiment.confirmation.inputs import DiagnosedExplanation
 from residual_mpc.experiment.confirmation.probabilities import updated
 from residual_mpc.experiment.confirmation.records import Confirmation, EffectTest
 from residual_mpc.experiment.confirmation.settings import ConfirmationSettings
+from residual_mpc.experiment.lasting import lasting
 from residual_mpc.models.model_file import values_of
 from residual_mpc.models.settings import Knob, Term, Values
 
@@ -20,12 +21,13 @@ REPLACED = "Gap and shrink are those of the explanation that was diagnosed first
 
 
 def explanations_in(document: Document) -> tuple[DiagnosedExplanation, ...]:
-    """The explanation of a diagnosis.json, then its alternatives. Raises KeyError, TypeError or ValueError if they
-    cannot be read."""
-    own = DiagnosedExplanation(terms_in(document["explanation"]), (), values_of(document["model"]["values"]))
+    """The explanation of a diagnosis.json as it is at the end of its runs, then its alternatives. Raises KeyError,
+    TypeError or ValueError if they cannot be read."""
+    explanation, alternatives = lasting(document)
+    own = DiagnosedExplanation(terms_in(explanation), (), values_of(document["model"]["values"]))
     others = (
         DiagnosedExplanation(terms_in(a["effects"]), terms_in(a["instead_of"]), values_of(a["values"]))
-        for a in document.get("alternatives", ())
+        for a in alternatives
     )
     return (own, *others)
 
