@@ -17,7 +17,7 @@ from residual_mpc.diagnosis.phases.partly import effects_in_parts
 from residual_mpc.diagnosis.phases.prepare import DiagnosisInput, Prepared, prepare
 from residual_mpc.diagnosis.phases.refine import Refined, refine
 from residual_mpc.diagnosis.phases.remaining import much_left
-from residual_mpc.diagnosis.phases.run_sizes import with_run_sizes
+from residual_mpc.diagnosis.phases.run_sizes import sizes_by_run, with_run_sizes
 from residual_mpc.diagnosis.phases.search import Searched, search_effects, search_further
 from residual_mpc.diagnosis.phases.set_aside import unlike_in_fits, without
 from residual_mpc.diagnosis.phases.validate import validate
@@ -70,8 +70,11 @@ def _refined(prepared: Prepared, keep: Keeper, rng: np.random.Generator, progres
     refined = _refined_once(keep("search", lambda: search_effects(prepared, rng, progress, keep, told)), rng, progress)
     if much_left(prepared, refined.explanation.final.values, rng):
         finish = partial(_refined_once, rng=rng, progress=progress)
-        varied = effects_in_parts(prepared, refined, finish, rng, progress)
-        varied = varied or with_run_sizes(refined, finish, rng, progress)
+        by_run = sizes_by_run(refined, progress)
+        most = np.inf if by_run is None else by_run.error
+        varied = effects_in_parts(prepared, refined, most, finish, rng, progress)
+        if varied is None and by_run is not None:
+            varied = with_run_sizes(by_run, finish, rng, progress)
         if varied is not None:
             return varied
     aside, serving = unlike_in_fits(prepared, refined)

@@ -34,14 +34,21 @@ TOGETHER = 8  # sets of effects that are predicted at once
 
 
 def effects_in_parts(
-    prepared: Prepared, refined: Refined, finish: Finish, rng: np.random.Generator, progress: Progress
+    prepared: Prepared,
+    refined: Refined,
+    most: float,
+    finish: Finish,
+    rng: np.random.Generator,
+    progress: Progress,
 ) -> Refined | None:
-    """The explanation in which some effects act in a part of the runs alone; None where the runs do not show any.
-    finish: fits what a search has found to the end."""
+    """The explanation in which some effects act in a part of the runs alone; None where the runs do not show any, or
+    where it leaves more than `most` in the mean of `window_errors`. finish: fits what a search has found to the end."""
     steady = refined.explanation.final.values
     for split in splits(prepared, refined)[: prepared.options.settings.parts.tried]:
         inside = _within_part(prepared, split, rng.spawn(1)[0], of_a_part(progress))
-        found = None if inside is None else _in_all_runs(prepared, steady, inside, finish, rng.spawn(1)[0], progress)
+        found = (
+            None if inside is None else _in_all_runs(prepared, steady, inside, most, finish, rng.spawn(1)[0], progress)
+        )
         if found is not None:
             return found
     return None
@@ -77,19 +84,20 @@ def _in_all_runs(
     prepared: Prepared,
     steady: Values,
     inside: _Inside,
+    most: float,
     finish: Finish,
     rng: np.random.Generator,
     progress: Progress,
 ) -> Refined | None:
     """What was found in the part, carried on in all runs; None where it explains them hardly better than effects that
-    always act, or where no held-out window is left."""
+    always act, or leaves more than `most`, or where no held-out window is left."""
     of, settings = inside.windows, prepared.options.settings
     data = everywhere(of)
     before = window_errors(data, of.scales, predict(data, prepared.space.settings([steady]))[0])
 
     def improves(values: Values) -> bool:
         now = window_errors(data, of.scales, predict(data, of.space.settings([values]))[0])
-        return better(data, now, before, settings.parts, settings.fit)
+        return float(now.mean()) < most and better(data, now, before, settings.parts, settings.fit)
 
     problem = build_problem(data, of.space, inside.sigma, of.scales.motion, settings=settings.predict)
     (fit,) = fit_all(problem, [inside.values], settings=settings.fit)  # the part was another before its instant moved

@@ -5,7 +5,7 @@ that was held out comes from the first half of its windows, and the second half 
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,8 +29,20 @@ from residual_mpc.models.size_numbers import size_knobs
 RunSizes = Mapping[int, Sizes]  # of each run (its index) the factors of the terms that it shows
 
 
-def with_run_sizes(refined: Refined, finish: Finish, rng: np.random.Generator, progress: Progress) -> Refined | None:
-    """The explanation in which effects have their own sizes in each run; None where one size does nearly as well."""
+@dataclass(frozen=True, eq=False)
+class SizedByRun:
+    """What sizes of their own in each run would explain. values: of the explanation with one size, before these sizes
+    change the others; sizes: of the terms; windows: all of them, told apart by run; error: the mean of `window_errors`
+    with these sizes."""
+
+    values: Values
+    sizes: RunSizes
+    windows: Prepared
+    error: float
+
+
+def sizes_by_run(refined: Refined, progress: Progress) -> SizedByRun | None:
+    """The sizes in each run of the effects whose sizes differ; None where one size does nearly as well."""
     prepared, of = refined.prepared, refined.explanation
     values, settings = of.final.values, prepared.options.settings
     if not of.final.terms or isinstance(prepared.space, GroupSpace):
@@ -40,11 +52,11 @@ def with_run_sizes(refined: Refined, finish: Finish, rng: np.random.Generator, p
     if not by_run:
         return None
     progress("fitting sizes for each run", 0.62)
-    names = [r.name for r in prepared.raw.runs]
-    seen = _factors(values, by_run, names)
+    runs = prepared.raw.runs
+    seen = _factors(values, by_run, [r.name for r in runs])
     sizes = {**seen, **_held_runs(prepared, values, seen, settings.parts)}
     judged_from = {i: _second_half(prepared.clean, i) for i in sizes.keys() - seen.keys()}
-    groups = [sizes.get(i, {}) for i in range(len(names))]
+    groups = [sizes.get(i, {}) for i in range(len(runs))]
     here = regrouped(prepared, lambda data: _groups(data, judged_from), groups)
     data = everywhere(here)
     now, before = (
@@ -53,9 +65,17 @@ def with_run_sizes(refined: Refined, finish: Finish, rng: np.random.Generator, p
     )
     if not still_judged(prepared, here) or not better(data, now, before, settings.parts, settings.fit):
         return None
-    made = finish(search_effects(replace(here, options=replace(here.options, start=values)), rng, progress))
-    final = made.explanation.final
-    varying = {t: _by_run(here, final.values, t, sizes, names) for t in by_run if t in final.terms}
+    return SizedByRun(values, sizes, here, float(now.mean()))
+
+
+def with_run_sizes(of: SizedByRun, finish: Finish, rng: np.random.Generator, progress: Progress) -> Refined | None:
+    """The explanation with these sizes, carried on; None where no effect with them is left. finish: fits what a search
+    has found to the end."""
+    here = of.windows
+    made = finish(search_effects(replace(here, options=replace(here.options, start=of.values)), rng, progress))
+    final, names = made.explanation.final, [r.name for r in here.raw.runs]
+    terms = dict.fromkeys(t for sizes in of.sizes.values() for t in sizes)
+    varying = {t: _by_run(here, final.values, t, of.sizes, names) for t in terms if t in final.terms}
     if not varying:
         return None
     return replace(made, prepared=here, explanation=replace(made.explanation, run_sizes=varying))
