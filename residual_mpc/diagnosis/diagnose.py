@@ -12,8 +12,8 @@ from residual_mpc.checkpoint import Checkpoint, Keeper
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.describe import describe
 from residual_mpc.diagnosis.phases.early_answers import Told, first_look, unheard
+from residual_mpc.diagnosis.phases.effects_in_parts import effects_in_parts
 from residual_mpc.diagnosis.phases.laws import find_laws
-from residual_mpc.diagnosis.phases.partly import effects_in_parts
 from residual_mpc.diagnosis.phases.prepare import DiagnosisInput, Prepared, prepare
 from residual_mpc.diagnosis.phases.refine import Refined, refine
 from residual_mpc.diagnosis.phases.remaining import much_left

@@ -83,7 +83,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     most = settings.causes.coarse if validated.judged.coarse else 1.0
     sure = {t: min(certain(standing=_stands(t, s)), most) for t, s in supports.items()}
     weak = doubts(supports, extras.rest, settings=settings)
-    known = {**of.run_sizes, **of.partly}  # their sizes have been accounted for, but not with the motion
+    known = {**of.run_sizes, **of.in_parts}  # their sizes have been accounted for, but not with the motion
     varying = {t: v for t, v in validated.varying.items() if v.by_state or t not in known}
     doubt = {t: d * steadiness(t, varying, settings) for t, d in weak.items()}
     doubt |= {t: settings.parts.sized * doubt[t] for t in of.run_sizes if t in doubt}
@@ -98,7 +98,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     if helps:
         varying = {**varying, **{t: _with(varying.get(t), v) for t, v in of.run_sizes.items()}}
         causes = causes_of(of, share, sure, supports, doubt, refitted, settings=settings, varying=varying)
-    varying = {**varying, **{t: _with(varying.get(t), v) for t, v in of.partly.items()}}
+    varying = {**varying, **{t: _with(varying.get(t), v) for t, v in of.in_parts.items()}}
     looked_at = candidates(of.rivalry, of.base, final, shared(sure, groups), of.left_out, every_doubt) if helps else ()
     looked_at = as_named(looked_at, causes)
     if verdict == "effects" and not validated.judged.told and not _likely(causes, looked_at, groups):

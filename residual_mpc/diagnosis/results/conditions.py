@@ -29,12 +29,12 @@ SMALLER_STEP = (
 def _in_parts(of: FittedExplanation) -> list[str]:
     """Effects that act in a part of the runs alone, or have their own size in each run."""
     said = []
-    if of.partly:
+    if of.in_parts:
         said.append(
             "Windows across the instant at which an effect begins or ends are left out of all figures, and so are "
             "held-out windows next to it."
         )
-    ended = [str(t) for t, v in of.partly.items() if v.until is not None]
+    ended = [str(t) for t, v in of.in_parts.items() if v.until is not None]
     if ended:
         said.append(f"{', '.join(ended)} acts no longer at the end of the runs: model.json leaves it out.")
     said.append(
@@ -132,7 +132,7 @@ def notes(
             "that is sent."
         )
     said += [str(x["note"]) for x in (odd, unlike) if x is not None]
-    if found.helps and (of.partly or of.run_sizes):
+    if found.helps and (of.in_parts or of.run_sizes):
         said += _in_parts(of)
     if of.doubtful:
         said.append(

@@ -42,8 +42,8 @@ class FittedExplanation:
     tolerated: None where there are no small differences in other numbers; omitted: how the numbers move beside one of
     these, and beside all optional numbers of their effects. forms: the shape of each fitted law;
     aside: stretches that are unlike everything else, which no fit has seen; serving: effects that would explain
-    them; partly: where the effects act that act in a part of the runs alone; run_sizes: the sizes of effects that have
-    their own in each run."""
+    them; in_parts: where the effects act that act in a part of the runs alone; run_sizes: the sizes of effects that
+    have their own in each run."""
 
     raw: Dataset
     clean: Dataset
@@ -68,7 +68,7 @@ class FittedExplanation:
     forms: Mapping[Term, str] = field(default_factory=dict)
     aside: tuple[KeptBack, ...] = ()
     serving: tuple[Term, ...] = ()
-    partly: Mapping[Term, Variation] = field(default_factory=dict)
+    in_parts: Mapping[Term, Variation] = field(default_factory=dict)
     run_sizes: Mapping[Term, Variation] = field(default_factory=dict)
 
     def take(self, keep: np.ndarray) -> "FittedExplanation":

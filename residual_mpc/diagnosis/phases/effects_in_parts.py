@@ -113,7 +113,7 @@ def _in_all_runs(
     part, runs = inside.split.part, data.runs
     variation = inside.split.variation(runs)
     varying = {t: variation or _by_run(of.clean, part, final.values, t) for t in named}
-    return replace(made, prepared=of, explanation=replace(made.explanation, partly=varying))
+    return replace(made, prepared=of, explanation=replace(made.explanation, in_parts=varying))
 
 
 def _sharpened(prepared: Prepared, values: Values, absent: Sequence[Term], split: Split) -> Split:
