@@ -90,7 +90,7 @@ def _without_help(document: Document) -> list[str]:
             continue
         error, what = _error(document, name), SUBJECTS[name]
         if error is None:
-            out.append(f"{what} lost the path, which the nominal model did not.")
+            out.append(f"{what} lost the path, whereas the nominal model did not.")
         elif error >= (1.0 - CLOSE) * nominal:
             effect = "did harm" if error > (1.0 + CLOSE) * nominal else "did not help"
             errors = f"{number(1e3 * error)} {unit} against {number(1e3 * nominal)} {unit} with the nominal model"

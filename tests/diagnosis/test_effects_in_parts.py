@@ -83,7 +83,7 @@ def test_an_effect_that_ends_is_not_in_the_model_at_the_end() -> None:
     (track,) = found["explanation"]
     assert track["effect"] == TRACK.effect and track["until"]["run"] == "r2" and abs(track["until"]["t"] - AT) <= 2.0
     assert found["verdict"] == "effects" and found["model"]["values"] == []
-    assert any("model.json leaves it out" in note for note in found["notes"])
+    assert any("left out of model.json" in note for note in found["notes"])
 
 
 def test_an_effect_in_some_runs_is_named_with_these() -> None:

@@ -57,4 +57,4 @@ def better(data: Dataset, now: np.ndarray, before: np.ndarray, settings: PartSet
 
 def of_a_part(progress: Progress) -> Progress:
     """The progress of a further search, in a part of the runs."""
-    return lambda stage, done: progress(f"{stage} in a part of the runs", done)
+    return lambda stage, done: progress(f"{stage} in part of the runs", done)

@@ -31,15 +31,15 @@ def _in_parts(of: FittedExplanation) -> list[str]:
     said = []
     if of.in_parts:
         said.append(
-            "Windows across the instant at which an effect begins or ends are left out of all figures, and so are "
-            "held-out windows next to it."
+            "Windows that span the instant at which an effect begins or ends, and held-out windows next to it, are "
+            "left out of all figures."
         )
     ended = [str(t) for t, v in of.in_parts.items() if v.until is not None]
     if ended:
-        said.append(f"{', '.join(ended)} acts no longer at the end of the runs: model.json leaves it out.")
+        said.append(f"No longer acting at the end of the runs, and so left out of model.json: {', '.join(ended)}.")
     said.append(
-        "model.json describes the robot at the end of the last run. To train a network on it, name runs that it holds "
-        "for."
+        "model.json describes the robot at the end of the last run. To train a network on it, use only runs for which "
+        "it holds."
     )
     return said
 
