@@ -420,3 +420,18 @@ def test_recorded_robots_raise_no_false_alarm(robot: str) -> None:
 def test_positions_in_degrees_name_the_command_that_corrects_them() -> None:
     found = audit(with_fault(arms(), scaled(DEG, "position.a", "velocity.a", "command.a")), ARM)
     assert any("--mended DIR" in f.remedy for f in found if f.kind == "degrees")
+
+
+def test_a_robot_that_turns_on_a_slope_is_not_told_that_its_heading_is_in_degrees() -> None:
+    """It drifts down, whichever way it points."""
+    rng, t = np.random.default_rng(0), 0.025 * np.arange(700)
+    turn = 3.0 * np.sign(np.sin(0.7 * t))  # rad/s of the wheels, in opposite directions
+    columns = {
+        "command.left": -turn,
+        "command.right": turn,
+        "pose.x": 0.05 * t + 1e-3 * rng.standard_normal(t.size),
+        "pose.y": 1e-3 * rng.standard_normal(t.size),
+        "pose.theta": np.cumsum(turn) * 0.025 * 0.4 + 2e-3 * rng.standard_normal(t.size),
+    }
+    found = kinds(audit([Run("turns", t, columns)], WHEELS), "error")
+    assert not found

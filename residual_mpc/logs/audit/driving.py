@@ -24,6 +24,7 @@ CLEAR = 0.7
 FASTEST = 3.0  # times the speed that a robot exceeds for a tenth of the time: faster is no motion
 ASIDE = 0.2  # rad from the heading, and the share of straight motion along that line, from which the frames may differ
 ALIGNED = 0.95
+ON_THE_SPOT = 0.2  # of the wheels' turning in opposite directions, up to which they do not drive the robot anywhere
 STRAIGHT = 0.2  # of a fast turn, rad/s: slower ones count as straight,
 STRAIGHT_POWER = 0.02  # and say something from this share of the squared speed
 NEAR = 1.5  # factor within which a ratio of speeds says that a unit is wrong: a wheel's radius may be off as well
@@ -132,6 +133,11 @@ class _Drive:
     difference: FloatArray
     turning: FloatArray
 
+    @property
+    def is_driven(self) -> bool:
+        """Whether the wheels' commands drive it and do not only turn it on the spot: then it drifts down a slope."""
+        return float(self.wheels @ self.wheels) > ON_THE_SPOT**2 * float(self.difference @ self.difference) / 4.0
+
     def share(self, along: FloatArray) -> float:
         """Of the motion, that which a speed along the heading holds."""
         return float(along @ along) / max(float(self.along @ self.along + self.across @ self.across), 1e-300)
@@ -182,7 +188,7 @@ def _driven(runs: Sequence[Run], dt: float) -> _Drive | None:
 def _heading(runs: Sequence[Run], dt: float, radius: float | None) -> list[Finding]:
     """The direction in which the robot moves against where it says it points, and its speed against its wheels'."""
     drive = _driven(runs, dt)
-    if drive is None:
+    if drive is None or not drive.is_driven:
         return []
     # a wheeled robot moves where it points: nearly all of its speed lies along its heading
     share = drive.share(drive.along)
