@@ -69,7 +69,7 @@ def explained(problem: Any, fit: Fit, **others: Any) -> Any:
     rivalry = SimpleNamespace(shares={}, rivals=())
     raw = SimpleNamespace(channels=("pose.x",), compared=np.array([[True]]))
     usual = {"tolerated": None, "omitted": (), "ends": {}, "rivalry": rivalry, "with_outliers": False}
-    usual |= {"space": problem.space, "raw": raw}
+    usual |= {"space": problem.space, "raw": raw, "run_sizes": {}, "in_parts": {}}
     return SimpleNamespace(problem=problem, final=fit, **{**usual, **others})
 
 

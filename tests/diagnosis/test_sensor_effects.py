@@ -162,9 +162,9 @@ def test_starts_are_moved_one_by_one(clean: Run) -> None:
 
 def test_moved_starts_keep_the_values_of_the_later_runs(clean: Run) -> None:
     data = dataset(clean)
-    data = replace(data, blocks=tuple(replace(b, later=True) for b in data.blocks))
+    data = replace(data, blocks=tuple(replace(b, group=1) for b in data.blocks))
     gain = {"gain": np.full((1, 2), 0.6)}
-    changed = Settings(1, later=Settings(1, {"actuator_gain": gain}))
+    changed = Settings(1, others=(Settings(1, {"actuator_gain": gain}),))
     still, moved = predict_moved(data, changed, [{}, {"pose.x": np.full(data.count, 0.25)}])
     np.testing.assert_array_equal(still, predict(data, changed)[0])
     assert np.nanmax(np.abs(still - predict(data, Settings(1))[0])) > 0.05

@@ -22,7 +22,8 @@ def filmed(run: Run, robot: Robot, values: Values, horizons: tuple[float, ...] =
     before = data.y - predict(data, Settings(1))[0]
     after = data.y - predict(data, assemble([values], slots))[0] if values else before
     looks = tuple(SimpleNamespace(horizon=h, held_out=h == 1.0) for h in horizons)
-    diagnosis: Any = SimpleNamespace(causes=tuple(values), values=values, gap=SimpleNamespace(horizons=looks))
+    gap = SimpleNamespace(horizons=looks)
+    diagnosis: Any = SimpleNamespace(causes=tuple(values), values=values, gap=gap, groups_of_windows=())
     held = np.zeros(data.count, dtype=bool)
     held[data.count // 2 :] = True
     return DiagnosisResult(diagnosis, data, measure_scales(data), before, after, held, {})

@@ -127,9 +127,11 @@ def _sharpened(prepared: Prepared, values: Values, absent: Sequence[Term], split
 
     data = prepared.fitting.take(compared(prepared.fitting))
     timeline, order = timeline_of(data)
-    split = sharpened(timeline, split, *errors(data, order), prepared.options.settings.parts)
+    inside, outside = errors(data, order)
+    split = sharpened(timeline, split, inside, outside, settings=prepared.options.settings.parts)
     timeline, order = timeline_of(prepared.clean)
-    part = with_held_runs(timeline, split.part, prepared.free[order], *errors(prepared.clean, order))
+    inside, outside = errors(prepared.clean, order)
+    part = with_held_runs(timeline, split.part, prepared.free[order], inside, outside)
     return replace(split, part=part)
 
 
