@@ -219,3 +219,17 @@ def test_what_ended_cannot_be_tested_on_new_runs() -> None:
     }
     explanation, alternatives = lasting(document)
     assert explanation == [stays] and alternatives == [{"instead_of": [stays], "values": [value]}]
+
+
+@pytest.mark.parametrize("sizes", [(1.0, 1.0, 0.9, 0.9), (0.97, 0.93, 0.87, 0.82)])
+def test_what_cannot_be_told_apart_stays_a_group(sizes: tuple[float, ...]) -> None:
+    """Without encoders, a weak motor acts like wheels of unequal size; either may begin, or differ between runs."""
+    faults = [{"wheel_radius_mismatch": {"ratio": x}} for x in sizes]
+    runs = [rover_run(f"r{i}", fault, seed=i) for i, fault in enumerate(faults)]
+    only = ("wheel_radius_mismatch", "actuator_gain", "track_width", "command_delay")
+    made = diagnose(runs, [ROVER] * len(runs), SIGMA, (), Options(only=only), np.random.default_rng(0))
+    found = to_document(made.diagnosis)
+    (named,) = found["explanation"]
+    (group,) = found["confounded"]
+    assert {m["effect"] for m in group} >= {"wheel_radius_mismatch", "actuator_gain"}
+    assert named["probability"] < 0.6 and ("since" in named or "by_run" in named)

@@ -17,9 +17,9 @@ from residual_mpc.diagnosis.options import Progress
 from residual_mpc.diagnosis.phases.horizons import everywhere
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.phases.refine import Refined, refine
-from residual_mpc.diagnosis.phases.regroup import regrouped, still_judged
+from residual_mpc.diagnosis.phases.regroup import in_their_place, regrouped, still_judged
 from residual_mpc.diagnosis.phases.remaining import Finish, better, compared, of_a_part, window_errors
-from residual_mpc.diagnosis.phases.search import Searched, search_effects
+from residual_mpc.diagnosis.phases.search import search_effects
 from residual_mpc.diagnosis.phases.set_aside import with_fits_on
 from residual_mpc.diagnosis.phases.splits import Split, sharpened, splits, timeline_of, with_held_runs
 from residual_mpc.diagnosis.predict.problem import build_problem
@@ -75,7 +75,8 @@ def _within_part(prepared: Prepared, split: Split, rng: np.random.Generator, pro
     if not absent:
         return None
     split = _sharpened(prepared, values, absent, split)
-    terms = frozenset(absent) | _rival_terms(searched, absent)
+    steady = [k.term for k in values if k.effect != TUNE and k.term not in absent]
+    terms = in_their_place(searched.rivalry, absent, steady, settings.search.rivals.far)
     windows = regrouped(prepared, lambda data: groups_of(data, split.part), [dict.fromkeys(terms, 0.0)])
     return _Inside(split, values, terms, windows, searched.found.sigma)
 
@@ -155,11 +156,6 @@ def _absent(prepared: Prepared, values: Values, part: Part, settings: PartSettin
     best = min((k for k, s in enumerate(sums) if s <= settings.as_good * least), key=lambda k: (len(sets[k]), sums[k]))
     fewer = better(rest, left[best], left[0], settings, prepared.options.settings.fit)
     return tuple(t for t in terms if t in sets[best]) if fewer else ()
-
-
-def _rival_terms(searched: Searched, absent: Sequence[Term]) -> frozenset[Term]:
-    """What rivals have in place of effects that act in the part alone: it acts there alone as well."""
-    return frozenset(t for r in searched.rivalry.rivals if set(r.gone) <= set(absent) for t in r.came)
 
 
 def _by_run(data: Dataset, part: Part, values: Values, term: Term) -> Variation:

@@ -11,6 +11,8 @@ from residual_mpc.diagnosis.data.parts import grouped
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.predict.group_space import Sizes, group_space
 from residual_mpc.diagnosis.predict.horizons import HorizonWindows
+from residual_mpc.diagnosis.search.rivals import Rivalry
+from residual_mpc.models.settings import Term
 
 GroupsOf = Callable[[Dataset], np.ndarray]  # (W,) the group of each window, negative for those that are left out
 
@@ -46,3 +48,16 @@ def regrouped(prepared: Prepared, group: GroupsOf, sizes: Sequence[Sizes]) -> Pr
 def still_judged(before: Prepared, now: Prepared) -> bool:
     """Whether windows that were held out are left to judge by, if there were any."""
     return bool(now.held.any()) or not bool(before.held.any())
+
+
+def in_their_place(rivalry: Rivalry, some: Sequence[Term], steady: Sequence[Term], far: float) -> frozenset[Term]:
+    """Some effects that have another size in groups of windows, with what may stand in their place, which has it as
+    well. steady: the effects that are alike everywhere; far: likelihood ratio from which a rival has no probability."""
+    terms = set(some)
+    for r in rivalry.rivals:  # the first member of a group may have taken the place of the one that was found
+        if (r.alike or r.ratio < far) and (set(r.gone) <= terms or set(r.came) <= terms):
+            terms |= {*r.gone, *r.came}
+    for group in rivalry.groups:
+        if any(set(member) <= terms for member in group):
+            terms |= {t for member in group for t in member}
+    return frozenset(terms.difference(steady))

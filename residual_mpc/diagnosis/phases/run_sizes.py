@@ -4,7 +4,7 @@ One size for all runs leaves what differs between them. The sizes come from the 
 that was held out comes from the first half of its windows, and the second half alone is judged.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from residual_mpc.diagnosis.options import Progress
 from residual_mpc.diagnosis.phases.horizons import everywhere
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.phases.refine import Refined
-from residual_mpc.diagnosis.phases.regroup import regrouped, still_judged
+from residual_mpc.diagnosis.phases.regroup import in_their_place, regrouped, still_judged
 from residual_mpc.diagnosis.phases.remaining import Finish, better, window_errors
 from residual_mpc.diagnosis.phases.search import search_effects
 from residual_mpc.diagnosis.predict.group_space import GroupSpace, Sizes, resized, sized, zero_of
@@ -56,6 +56,8 @@ def sizes_by_run(refined: Refined, progress: Progress) -> SizedByRun | None:
     seen = _factors(values, by_run, [r.name for r in runs])
     sizes = {**seen, **_held_runs(prepared, values, seen, settings.parts)}
     judged_from = {i: _second_half(prepared.clean, i) for i in sizes.keys() - seen.keys()}
+    alike = _in_place_of(refined, list(by_run), settings.search.rivals.far)
+    sizes = {i: {m: f for t, f in s.items() for m in alike[t]} for i, s in sizes.items()}
     groups = [sizes.get(i, {}) for i in range(len(runs))]
     here = regrouped(prepared, lambda data: _groups(data, judged_from), groups)
     data = everywhere(here)
@@ -79,6 +81,13 @@ def with_run_sizes(of: SizedByRun, finish: Finish, rng: np.random.Generator, pro
     if not varying:
         return None
     return replace(made, prepared=here, explanation=replace(made.explanation, run_sizes=varying))
+
+
+def _in_place_of(refined: Refined, terms: Sequence[Term], far: float) -> dict[Term, frozenset[Term]]:
+    """Of each term, itself and what may stand in its place: to first order it has the same factors."""
+    of = refined.explanation
+    steady = [t for t in of.final.terms if t not in terms]
+    return {t: in_their_place(of.rivalry, [t], [*steady, *(x for x in terms if x != t)], far) for t in terms}
 
 
 def _has_size(values: Values, term: Term) -> bool:
