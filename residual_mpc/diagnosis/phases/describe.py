@@ -31,7 +31,9 @@ from residual_mpc.diagnosis.results.support import Support, doubts
 from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.diagnosis.results.verdict import beats_forecast, clearest, deciding, judged_share
 from residual_mpc.diagnosis.search.acceptance import Ruler
+from residual_mpc.diagnosis.search.substitutes import imitate
 from residual_mpc.effects.laws import is_law
+from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Term, Values
 
 LIKELY = 0.5  # probability of an effect, with what the runs do not tell from it, from which it explains a gap
@@ -87,6 +89,8 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     varying = {t: v for t, v in validated.varying.items() if v.by_state or t not in known}
     doubt = {t: d * steadiness(t, varying, settings) for t, d in weak.items()}
     doubt |= {t: settings.parts.sized * doubt[t] for t in of.run_sizes if t in doubt}
+    beside = [t for t in doubt if t not in of.in_parts and any(_alike(t, part) for part in of.in_parts)]
+    doubt |= {t: settings.causes.resting * doubt[t] for t in beside}
     bent = of_one_encoder(final.terms, [n.term for n in of.untestable])
     doubt |= {t: settings.causes.resting * doubt[t] for t in bent if t in doubt}
     groups = tuple(g for g in of.rivalry.groups if not any(t in of.left_out for m in g for t in m)) if helps else ()
@@ -140,6 +144,14 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
         groups_of_windows=of.space.groups if helps and isinstance(of.space, GroupSpace) else (),
         at_the_end=_at_the_end(of) if helps else None,
     )
+
+
+def _alike(term: Term, part: Term) -> bool:
+    """Whether an effect that acts in all runs may be another size, in the rest, of one that acts in a part: it imitates
+    that, or both are limits of one stage."""
+    one, other = BY_NAME[term.effect], BY_NAME[part.effect]
+    limits = all(any(p.threshold for p in e.parameters) for e in (one, other))
+    return imitate(term, part) or (limits and one.stage == other.stage)
 
 
 def _with(known: Variation | None, found: Variation) -> Variation:
