@@ -135,7 +135,7 @@ def _lines(quiet: float, pace: Pace) -> Iterator[Progress]:
 
 class StatusLine:
     """The stage and its share on one line of a terminal, which each stage rewrites. Nothing is written where stderr is
-    no terminal. What is printed beside it comes after `erase`."""
+    no terminal. Call `erase` before printing anything else."""
 
     def __init__(self) -> None:
         self._shown = 0  # characters

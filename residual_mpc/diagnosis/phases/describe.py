@@ -85,7 +85,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     most = settings.causes.coarse if validated.judged.coarse else 1.0
     sure = {t: min(certain(standing=_stands(t, s)), most) for t, s in supports.items()}
     weak = doubts(supports, extras.rest, settings=settings)
-    known = {**of.run_sizes, **of.in_parts}  # their sizes have been accounted for, but not with the motion
+    known = {**of.run_sizes, **of.in_parts}  # the fit accounts for these variations, but for none with the motion
     varying = {t: v for t, v in validated.varying.items() if v.by_state or t not in known}
     doubt = {t: d * steadiness(t, varying, settings) for t, d in weak.items()}
     doubt |= {t: settings.parts.sized * doubt[t] for t in of.run_sizes if t in doubt}
