@@ -16,6 +16,7 @@ from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.data.parts import after, before, grouped, groups_of, in_runs
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.phases.describe import _alike
 from residual_mpc.diagnosis.phases.remaining import better, compared, window_errors
 from residual_mpc.diagnosis.phases.splits import Split, _step, sharpened, timeline_of, with_held_runs
 from residual_mpc.diagnosis.predict.candidates import build_space
@@ -26,7 +27,7 @@ from residual_mpc.diagnosis.results.document import to_document
 from residual_mpc.diagnosis.results.settings import PartSettings, ResultSettings
 from residual_mpc.experiment.lasting import lasting
 from residual_mpc.logs.run import Run
-from residual_mpc.models.settings import Knob, Settings
+from residual_mpc.models.settings import Knob, Settings, Term
 
 ROVER = DiffDrive("rover", 0.033, 0.16)
 TRACK, LAG = Knob("track_width", None, "scale"), Knob("actuator_lag", None, "time_constant")
@@ -233,3 +234,15 @@ def test_what_cannot_be_told_apart_stays_a_group(sizes: tuple[float, ...]) -> No
     (group,) = found["confounded"]
     assert {m["effect"] for m in group} >= {"wheel_radius_mismatch", "actuator_gain"}
     assert named["probability"] < 0.6 and ("since" in named or "by_run" in named)
+
+
+def test_a_limit_may_be_another_size_of_one_that_acts_in_a_part() -> None:
+    saturation, shared, lag = (Term(e, None) for e in ("saturation", "shared_limit", "actuator_lag"))
+    assert _alike(shared, saturation) and not _alike(lag, saturation)
+    assert not _alike(TRACK.term, LAG.term)
+
+
+def test_the_values_of_a_group_hold_alone() -> None:
+    rest = Settings(1, {"track_width": {"scale": np.full((1, 1), 1.2)}})
+    both = Settings(1, others=(rest,))
+    assert both.of_group(1) is rest and both.of_group(0).others == () and rest.of_group(1).effects is rest.effects
