@@ -7,7 +7,8 @@ its four neighbours. In between, both vary, and the best guess of a sample's tim
 stamp's deviation that belongs to the sampling.
 
 A joint that follows its command at once shows the position commanded at the previous stamp. Its samples lie on a smooth
-curve over the stamps of the previous rows, and the stamps are right.
+curve over the stamps of the previous rows, and the stamps are right. Speeds may follow a held command within a sample
+as well, and then look smoother over the rows than over time, so that they are heard only where no position is logged.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual_mpc.logs.columns import group
 from residual_mpc.logs.even_clock import PAUSE, even_clock
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.run import FloatArray, Run
@@ -31,6 +33,7 @@ ROWS = 20_000  # rows of a channel that are looked at, at most
 FASTEST = 0.5  # share of them, by speed, in which errors of the stamps show
 USUAL = 0.95  # share of them that are no outliers
 TOGETHER = 4  # rows that count as one, since neighbours share their cubics
+PLACES = ("pose", "position")
 EVIDENCE = 10.0  # log-likelihood by which some times must be better than others
 LESS = 0.8  # of the mean square error: what one channel must fall below, for the times to be worth a change
 
@@ -116,6 +119,8 @@ def _test(run: Run) -> StampTest | None:
         return None
     fresh = {c: fresh_samples(run.columns[c]) for c in run.measured}
     channels = {c: np.where(new, run.columns[c], np.nan) for c, new in fresh.items() if np.mean(new) > WHOLE}
+    places = {c: y for c, y in channels.items() if group(c) in PLACES}
+    channels = places or channels
     even = even_clock(t, period)
     spread = float(np.sqrt(np.mean((t - even) ** 2)))
     if spread < STEADY * period or not channels:

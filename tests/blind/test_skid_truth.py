@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from answers import answer
 
-from plants.blind_families.skid.family import FAMILY, PLANTINGS
+from plants.blind_families.skid.family import DESCRIBED, FAMILY, PLANTINGS
 from plants.blind_families.skid.truth import Skidder
 from plants.blind_families.wheeled.truth import WheeledTruth
 from residual_mpc.blind.levels import LEVELS
@@ -39,6 +39,19 @@ def test_drives_of_a_skidding_robot_have_the_effects_of_a_rover():
     assert plain[-1, 0] - late[-1, 0] == pytest.approx(0.067 * 4.0 * 0.2, rel=0.1)
     _, uneven = skid(4.0, 4.0, radius=(1.0, 1.1))
     assert uneven[-1, 2] > 0.1
+
+
+def test_its_drives_speed_up_at_a_limited_rate():
+    """A larger step takes longer, as with a rate limit, which it therefore does not lack; with a lag it would not."""
+
+    def rise_time(speed):
+        truth = WheeledTruth(SKIDDER.wheel_radius, SKIDDER.track_width, speed_scale=10.0)
+        happened = SKIDDER.simulate(truth, T, lambda k, x, y, theta: (0.0, 0.0) if T[k] < 1.0 else (speed, speed))
+        wheel = happened.motor.mean(axis=1)
+        return happened.t[np.argmax(wheel > 0.8 * speed)] - happened.t[np.argmax(wheel > 0.2 * speed)]
+
+    assert rise_time(12.0) == pytest.approx(3.0 * rise_time(4.0), rel=0.15)
+    assert "rate_limit" in DESCRIBED
 
 
 def test_its_levels_are_known_and_its_places_are_those_of_a_rover():

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from run_tables import ARM, arm_run
+from run_tables import ARM, WHEELS, arm_run
 
 from residual_mpc.logs.audit import audit
 from residual_mpc.logs.jumps import spikes
@@ -136,3 +136,18 @@ def test_jumps_are_credited_to_the_runs_that_have_them() -> None:
     assert "run0 (2), run2 (3)" in finding.message and "run1" not in finding.message
     (alone,) = [f for f in audit([replace(runs[0]), runs[1]], ARM) if f.kind == "spikes"]
     assert alone.run == "run0" and alone.row == 200 and "2 of 1000 samples" in alone.message
+
+
+def test_a_speed_that_follows_a_short_command_is_no_outlier() -> None:
+    rng = np.random.default_rng(8)
+    t = np.arange(1000) / 20.0
+    command = 4.0 + np.sin(0.8 * t)
+    command[300::200] -= 2.5
+    speed = np.concatenate([command[:1], command[:-1]]) + 0.01 * rng.standard_normal(len(t))
+    columns = {"command.left": command, "command.right": command, "velocity.left": speed, "velocity.right": speed}
+    assert spikes(t, speed, noise_sigma(t, speed)).sum() == 4
+    run = Run("run1", t, columns)
+    assert not [f for f in audit([run], WHEELS) if f.kind == "spikes"]
+    speed[510] += 2.0  # which nothing commanded
+    (finding,) = [f for f in audit([run], WHEELS) if f.kind == "spikes" and f.column == "velocity.left"]
+    assert finding.row == 510 and "1 of 1000 samples" in finding.message

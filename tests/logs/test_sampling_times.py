@@ -60,6 +60,19 @@ def test_samples_taken_unevenly_keep_their_stamps(rate: float, sampled: float) -
     assert with_sampling_times([run]) == ((run,), ())
 
 
+def test_speeds_that_follow_held_commands_do_not_speak_against_the_stamps() -> None:
+    """A wheel that reaches its command within a row is as smooth over the rows as its commands are; the pose tells."""
+    run, taken = logged("a", 20.0, 0.06, 0.0, seed=10, seconds=60.0)
+    rng = np.random.default_rng(11)
+    commanded = 3.0 * moving(np.arange(len(taken)) / 20.0) + 3e-4 * rng.standard_normal(len(taken))
+    pose = np.concatenate([[0.0], np.cumsum(commanded[:-1] * np.diff(taken))]) + SIGMA * rng.standard_normal(len(taken))
+    columns = {"command.left": commanded, "velocity.left": commanded, "pose.theta": pose}
+    alone = replace(run, columns={c: columns[c] for c in ("command.left", "velocity.left")})
+    assert with_sampling_times([alone])[1]  # what the speed by itself seems to say
+    both = replace(run, columns=columns)
+    assert with_sampling_times([both]) == ((both,), ())
+
+
 def test_joints_that_show_the_command_of_the_row_before_keep_their_stamps() -> None:
     """The loop is uneven and its stamps are right, but an even clock is nearer to the stamps of the rows before."""
     run, taken = logged("a", 40.0, 0.08, 0.0, seed=8, seconds=60.0)

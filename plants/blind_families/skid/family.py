@@ -17,7 +17,7 @@ from plants.blind_families.wheeled.family import WheeledBench
 from plants.blind_families.wheeled.faults import PAIRS
 from residual_mpc.blind.levels import Level
 from residual_mpc.blind.records import Answer
-from residual_mpc.effects.actuator import ACTUATOR_GAIN, ACTUATOR_LAG, SATURATION, VOLTAGE_SAG
+from residual_mpc.effects.actuator import ACTUATOR_GAIN, ACTUATOR_LAG, RATE_LIMIT, SATURATION, VOLTAGE_SAG
 from residual_mpc.effects.command import COMMAND_DELAY, DEAD_ZONE
 from residual_mpc.effects.contact import (
     LATERAL_SLIP,
@@ -48,8 +48,11 @@ PLANTINGS: Plantings[Rover, Draw, Place] = {
 }
 
 HABITS = replace(OF_ROVERS_HABITS, pairs=tuple(pair for pair in PAIRS if set(pair) <= set(PLANTINGS)))
-# what of the contacts a differential drive has names for: naming one of these is no error
-DESCRIBED = tuple(e.name for e in (LATERAL_SLIP, LONGITUDINAL_SLIP, TRACK_WIDTH, WHEEL_RADIUS, ACTUATOR_LAG))
+# what contacts and drives do that a differential drive has names for: naming one of these is no error. The drives'
+# torque is finite, so that a wheel that leaves a dead zone speeds up at a limited rate.
+DESCRIBED = tuple(
+    e.name for e in (LATERAL_SLIP, LONGITUDINAL_SLIP, TRACK_WIDTH, WHEEL_RADIUS, ACTUATOR_LAG, RATE_LIMIT)
+)
 # What the contacts leave, over the noise floor and as a gap, from which on no set of effects is the whole truth.
 # Another track and a little slip close about three quarters of it.
 _LEFT = 12.0, 0.15

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from residual_mpc.logs.audit.facts import RobotFacts
+from residual_mpc.logs.columns import group
 from residual_mpc.logs.finding import Finding
-from residual_mpc.logs.jumps import Jumps, find_jumps
+from residual_mpc.logs.jumps import Jumps, find_jumps, spikes
 from residual_mpc.logs.run import Run
 from residual_mpc.logs.signals import continuous, noise_sigma
 
@@ -17,6 +19,7 @@ FEW_LATE = 5  # late stamps, and their share of a run's samples, below which not
 LATE = 0.002
 AGREEING = 0.8  # share of them that are late and not early
 NAMED = 3  # runs
+FOLLOWS = 2  # samples within which a speed follows its command
 
 
 def check_jumps(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
@@ -24,11 +27,22 @@ def check_jumps(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
     names = dict.fromkeys(name for run in runs for name in run.measured if name in robot.channels)
     curves = [{n: continuous(n, run.columns[n]) for n in names if n in run.measured} for run in runs]
     found = [
-        {n: find_jumps(run.t, y, noise_sigma(run.t, y)) for n, y in mine.items()}
+        {n: _beside_commands(run, find_jumps(run.t, y, noise_sigma(run.t, y))) for n, y in mine.items()}
         for run, mine in zip(runs, curves, strict=True)
     ]
     spikes = [finding for name in names for finding in _spikes(name, runs, found)]
     return spikes + [finding for run, jumps in zip(runs, found, strict=True) for finding in _late(run, jumps)]
+
+
+def _beside_commands(run: Run, jumps: Jumps) -> Jumps:
+    """Without what follows a command that jumps away and comes back itself."""
+    if not jumps.outlier.any():
+        return jumps
+    commanded = np.zeros(len(run.t), dtype=bool)
+    for name in (c for c in run.columns if group(c) == "command"):
+        for row in np.flatnonzero(spikes(run.t, run.columns[name], 0.0)):
+            commanded[row : row + FOLLOWS + 1] = True
+    return replace(jumps, outlier=jumps.outlier & ~commanded)
 
 
 def _spikes(name: str, runs: Sequence[Run], found: Sequence[Mapping[str, Jumps]]) -> list[Finding]:
