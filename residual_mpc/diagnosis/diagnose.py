@@ -20,6 +20,7 @@ from residual_mpc.diagnosis.phases.remaining import much_left
 from residual_mpc.diagnosis.phases.run_sizes import sizes_by_run, with_run_sizes
 from residual_mpc.diagnosis.phases.search import Searched, search_effects, search_further
 from residual_mpc.diagnosis.phases.set_aside import unlike_in_fits, without
+from residual_mpc.diagnosis.phases.unlikely import without_unlikely
 from residual_mpc.diagnosis.phases.validate import validate
 from residual_mpc.diagnosis.predict.longer_steps import longer_steps_of
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
@@ -58,8 +59,8 @@ def diagnose(
             told(first_look(prepared))
         # what the search holds is not kept once it is refined
         refined = keep("refine", lambda: _refined(prepared, keep, rng, progress, told))
-        validated = keep("validate", lambda: validate(refined, rng, progress))
-        explained = keep("laws", lambda: find_laws(refined, validated, rng, progress))
+        judged = keep("validate", lambda: without_unlikely(refined, validate(refined, rng, progress), rng, progress))
+        explained = keep("laws", lambda: find_laws(*judged, rng, progress))
         return describe(explained, learners, rng, progress, answered)
 
 

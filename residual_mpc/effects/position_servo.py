@@ -1,7 +1,7 @@
 """Effects of the law of a position servo: how it turns its position error into a force."""
 
 from residual_mpc.effects.effect import Effect, Parameter, Values
-from residual_mpc.effects.ops import Array, Ops
+from residual_mpc.effects.ops import Array, Ops, clip
 from residual_mpc.effects.phrase import Noun, Phrase
 
 
@@ -9,6 +9,16 @@ def integral_step(ops: Ops, p: Values, x: Array, error: Array, dt: float) -> Arr
     """x + gain * error dt: what the integral part of a servo adds to its setpoint (Astrom and Hagglund, Advanced PID
     Control, 2006, chapter 3, with an integral time of 1 / gain)."""
     return x + p["gain"] * error * dt
+
+
+def held_integral(ops: Ops, before: Array, after: Array, error: Array, damped: Array, low: Array, high: Array) -> Array:
+    """The integral part after a step, which goes no further while the servo asks for more than its limits (conditional
+    integration; Astrom and Hagglund 2006, section 3.5).
+
+    All in the unit of the setpoint. before, after: of the step; error: of the position; damped: what the servo's own
+    damping takes at the present speed; low, high: the limits of the force over the servo's stiffness."""
+    room = damped - error
+    return clip(ops, after, ops.minimum(low + room, before), ops.maximum(high + room, before))
 
 
 SERVO_INTEGRAL = Effect(

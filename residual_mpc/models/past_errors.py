@@ -11,13 +11,15 @@ class PastErrors:
 
     sent, turned: integrals of the command and of the joint's position, from the run's first stamp, or from where the
     actuator was last switched on, to the window's start, command unit s and rad s. whole: 1 where that is the run's
-    first stamp, else 0. Over the run's first half second: first_sent, first_at: their means; first_rate: of the
-    position, rad/s; early_sent, early_turned: the means of their integrals since the first stamp.
+    first stamp, else 0. begun_sent: the command there. Over the run's first half second: first_sent, first_at: their
+    means; first_rate: of the position, rad/s; early_sent, early_turned: the means of their integrals since the first
+    stamp.
     """
 
     sent: np.ndarray
     turned: np.ndarray
     whole: np.ndarray
+    begun_sent: np.ndarray
     first_sent: np.ndarray
     first_at: np.ndarray
     first_rate: np.ndarray

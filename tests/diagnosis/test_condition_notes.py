@@ -33,7 +33,7 @@ def test_effects_that_make_a_longer_gap_larger_are_remarked(longer: Any, said: b
         left=first.after,
     )  # fmt: skip
     of: Any = SimpleNamespace(
-        doubtful=(), vetoed=(), in_parts={}, run_sizes={}, untestable=(), held=np.ones(1, dtype=bool),
+        doubtful=(), vetoed=(), in_parts={}, unlikely={}, run_sizes={}, untestable=(), held=np.ones(1, dtype=bool),
         raw=SimpleNamespace(skipped=0, runs=()),
         with_outliers=False,
         outliers=SimpleNamespace(count=0), final=SimpleNamespace(knobs=(), held=(), terms=(), values={}),

@@ -16,7 +16,7 @@ from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.data.parts import after, before, grouped, groups_of, in_runs
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.options import Options
-from residual_mpc.diagnosis.phases.describe import _alike
+from residual_mpc.diagnosis.phases.certainty import _alike
 from residual_mpc.diagnosis.phases.remaining import better, compared, window_errors
 from residual_mpc.diagnosis.phases.splits import Split, _step, sharpened, timeline_of, with_held_runs
 from residual_mpc.diagnosis.predict.candidates import build_space
@@ -120,15 +120,40 @@ def test_the_windows_across_the_instant_lie_in_neither_side() -> None:
     assert np.array_equal(some.inside(data), data.run != 1) and np.array_equal(some.outside(data), data.run == 1)
 
 
-def test_a_held_out_run_is_judged_on_its_second_half() -> None:
+def test_a_held_out_run_is_judged_on_every_other_window() -> None:
     data = build_dataset([rover_run(f"r{i}", {}, seed=i) for i in range(3)], [ROVER] * 3, SIGMA)
     line, _ = timeline_of(data)
     free, large, small = line.run != 2, np.ones(line.run.size), np.full(line.run.size, 0.1)
-    part = with_held_runs(line, in_runs([1], [0]), free, small, large)
-    assert part.where[2][0] == pytest.approx(10.0) and 2 not in part.rest
-    part = with_held_runs(line, in_runs([1], [0]), free, large, small)
-    assert part.rest[2][0] == pytest.approx(10.0) and 2 not in part.where
-    assert with_held_runs(line, in_runs([1], [0, 2]), free, small, large) == in_runs([1], [0, 2])
+    held = np.flatnonzero(line.run == 2)
+    for inside, outside, acts in ((small, large, True), (large, small, False)):
+        part = with_held_runs(line, Split(in_runs([1], [0])), free, inside, outside).part
+        there, elsewhere = (part.inside, part.outside) if acts else (part.outside, part.inside)
+        assert there(line)[held].tolist() == [k % 2 == 1 for k in range(len(held))]
+        assert not elsewhere(line)[held].any()
+    told = Split(in_runs([1], [0, 2]))
+    assert with_held_runs(line, told, free, small, large) == told
+
+
+@pytest.mark.parametrize("begins", [True, False])
+def test_an_effect_may_begin_or_end_in_a_held_out_run(begins: bool) -> None:
+    """Only in a run between the two sides of a split in time."""
+    data = build_dataset([rover_run(f"r{i}", {}, seed=i) for i in range(3)], [ROVER] * 3, SIGMA)
+    line, _ = timeline_of(data)
+    free, held = line.run != 1, np.flatnonzero(line.run == 1)
+    acts = (line.start >= 8.0) == begins
+    inside, outside = np.where(acts, 0.1, 1.0), np.where(acts, 1.0, 0.1)
+    sides = ([2], [0]) if begins else ([0], [2])
+    split = with_held_runs(line, Split(in_runs(*sides), 20, begins), free, inside, outside)
+    variation = split.variation(line.runs)
+    assert variation is not None
+    at = variation.since if begins else variation.until
+    assert at is not None and at.run == "r1" and at.t == pytest.approx(8.0, abs=1.0)
+    told = split.part.inside(line)[held], split.part.outside(line)[held]
+    assert not (told[0] & told[1]).any() and not (told[0] | told[1])[::2].any()
+    assert (told[0] <= acts[held]).all() and (told[1] <= ~acts[held]).all()
+    assert min(told[0].sum(), told[1].sum()) >= 3
+    whole = with_held_runs(line, Split(in_runs(*sides)), free, inside, outside)
+    assert whole.part.inside(line)[held].any() != whole.part.outside(line)[held].any()
 
 
 def test_an_effect_does_nothing_outside_its_part() -> None:

@@ -4,7 +4,8 @@ from types import SimpleNamespace
 from typing import Any
 
 from residual_mpc.diagnosis.options import Options
-from residual_mpc.diagnosis.phases.describe import _likely, as_named, shared, steadiness
+from residual_mpc.diagnosis.phases.certainty import steadiness
+from residual_mpc.diagnosis.phases.describe import _likely, as_named, shared
 from residual_mpc.diagnosis.phases.validate import Validated
 from residual_mpc.diagnosis.results.records import Candidate, Cause
 from residual_mpc.diagnosis.results.settings import ResultSettings
@@ -85,6 +86,8 @@ def test_what_is_named_is_likely_with_what_the_runs_do_not_tell_from_it() -> Non
 def test_a_cause_has_one_probability() -> None:
     """What a number at its bound takes from a cause is taken from the candidate as well, which may fall in rank."""
     looked_at = (Candidate(DELAY, 0.68, 0.9), Candidate(GAIN, 0.5, 0.8), Candidate(RATIO, 0.1, 0.7))
-    found = as_named(looked_at, (Cause(DELAY, 0.34, (), ""), Cause(GAIN, 0.5, (), "")))
+    found = as_named(looked_at, (Cause(DELAY, 0.34, (), ""), Cause(GAIN, 0.5, (), "")), {})
     assert [(c.term, c.probability) for c in found] == [(GAIN, 0.5), (DELAY, 0.34), (RATIO, 0.1)]
     assert [c.shrink for c in found] == [0.8, 0.9, 0.7]
+    left_out = as_named(looked_at, (Cause(GAIN, 0.5, (), ""),), {DELAY: 0.2})
+    assert [(c.term, c.probability) for c in left_out] == [(GAIN, 0.5), (DELAY, 0.2), (RATIO, 0.1)]

@@ -198,7 +198,8 @@ def test_notes_say_which_windows_the_verdict_leaves_out(tmp_path: Path) -> None:
         left=look.after,
     )  # fmt: skip
     of: Any = SimpleNamespace(
-        doubtful=(), vetoed=(), in_parts={}, run_sizes={}, untestable=(), held=every, raw=data, with_outliers=False,
+        doubtful=(), vetoed=(), in_parts={}, unlikely={}, run_sizes={}, untestable=(), held=every, raw=data,
+        with_outliers=False,
         outliers=SimpleNamespace(count=0),
         final=SimpleNamespace(knobs=(), held=(), terms=(), values={}),
     )  # fmt: skip

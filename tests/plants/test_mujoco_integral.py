@@ -26,6 +26,7 @@ from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.export import Build, augment
 from residual_mpc.export.moving import moving_apart
 from residual_mpc.logs.run import Run
+from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Knob
 
 PERIOD = 0.01  # s between samples
@@ -79,6 +80,30 @@ def test_it_asks_for_no_more_force_than_there_is(tmp_path: Path) -> None:
     assert np.abs(q["position.j2"][0, 2700:]).max() < 0.3
 
 
+DAMPED = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><body>
+  <joint name="j" axis="0 0 1"/><geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="0.5"/>
+</body></worldbody><actuator><position name="j" joint="j" kp="100" kv="20" forcerange="-5 5"/></actuator></mujoco>"""
+
+
+def test_while_it_moves_it_sums_up_more_than_its_force_since_its_own_damping_takes_that(tmp_path: Path) -> None:
+    """Its damping takes 20 N m at 1 rad/s, which the errors balance; its force is far below its limit of 5 N m."""
+    robot, gain = robot_of(tmp_path, DAMPED), 2.0
+    t = DT * np.arange(1001)
+    sent = np.clip(t - 0.2, 0.0, 1.0)[:-1]
+    drive = Drive(DT, 0, sent[None, :, None], None, np.zeros(1), None)
+    start = {"position.j": np.zeros(1), "velocity.j": np.zeros(1)}
+    settings = settings_of(robot, {("servo_integral", "j", "gain"): gain})
+    came = robot.replay(start, drive, settings, ("position.j",))["position.j"]
+    data, x, most, force = mujoco.MjData(robot.model), 0.0, 0.0, 0.0
+    for k, u in enumerate(sent):
+        assert came[0, k] == pytest.approx(data.qpos[0], abs=1e-9)
+        data.ctrl[0] = u + x
+        x += gain * DT * (u - data.qpos[0])
+        mujoco.mj_step(robot.model, data)
+        most, force = max(most, x), max(force, abs(data.actuator_force[0]))
+    assert most > 2.0 * 5.0 / 100.0 and force < 2.0
+
+
 def test_only_position_servos_have_one(tmp_path: Path) -> None:
     assert robot_of(tmp_path, arm_xml(MIXED)).slots("servo_integral") == ()
 
@@ -107,6 +132,34 @@ def test_a_window_begins_with_what_the_log_says_was_summed_up(tmp_path: Path, se
     miss, plain = (np.nanmax(np.abs(windows.y - p)[..., column], axis=1) for p in (with_it, without))
     assert miss.max() < (0.004 if settled else 0.012) and np.median(plain) > 0.03
     assert not np.array_equal(windows.blocks[0].drive.past.sent, np.zeros((windows.count, 2)))
+
+
+@pytest.mark.parametrize("delay, lag", [(0.0, 0.08), (0.113, 0.0), (0.06, 0.05)])
+def test_it_has_summed_up_what_a_delay_and_a_lag_let_through(tmp_path: Path, delay: float, lag: float) -> None:
+    """Windows in the middle of a run that begins at rest: the setpoint is the command, late and low-passed."""
+    robot, gain = robot_of(tmp_path, arm_xml()), 2.5
+    model, every = robot.model, round(PERIOD / DT)
+    data = mujoco.MjData(model)
+    t = PERIOD * np.arange(900)
+    later = np.maximum(t - 0.6, 0.0)
+    sent = np.stack([0.6 * np.sin(1.1 * later) + 0.3 * np.sin(3.7 * later), 0.2 + 0.0 * t], axis=1)
+    data.qpos[:] = [0.0, 0.2]
+    mujoco.mj_forward(model, data)
+    x = float(data.qfrc_bias[0] - data.qfrc_passive[0]) / 60.0
+    passed, seen = sent[0].copy(), np.empty((len(t), 2))
+    for k in range(len(t)):
+        seen[k] = data.qpos
+        for n in range(every):
+            now = k * PERIOD + n * DT - delay
+            late = sent[max(int(np.floor(now / PERIOD + 1e-9)), 0)]
+            passed += (1.0 - np.exp(-DT / lag) if lag else 1.0) * (late - passed)
+            x = summed(robot.model, data, passed, gain, x)
+    names = ("command.j1", "command.j2", "position.j1", "position.j2")
+    windows = build_dataset([Run("run", t, dict(zip(names, (*sent.T, *seen.T), strict=True)))], [robot], {})
+    column = windows.channels.index("position.j1")
+    chain = {("command_delay", None, "delay"): delay, ("actuator_lag", None, "time_constant"): lag}
+    (found,) = predict(windows, settings_of(robot, {**on("j1", gain), **chain}))
+    assert np.nanmax(np.abs(windows.y - found)[..., column]) < 0.004
 
 
 def test_off_it_forgets(tmp_path: Path) -> None:

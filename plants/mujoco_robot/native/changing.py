@@ -16,7 +16,9 @@ from plants.mujoco_robot.native.program import Program, Value
 from residual_mpc.effects.laws import NEAR, equation, kind_of
 from residual_mpc.effects.library import BUILT_IN, BY_NAME, LAWS
 from residual_mpc.effects.ops import Ops, clip
+from residual_mpc.effects.position_servo import held_integral
 
+INTEGRAL = 4  # numbers of an integral part
 NOMINAL = 7  # numbers of a link of the nominal model: place 3, mass, centre 3
 COMPILED = frozenset(e.name for e in (*BUILT_IN, *LAWS))  # a user's own equation may not be compiled
 
@@ -50,7 +52,8 @@ class Changing:
 
     clock: s since the run began, at the middle of the next step; and the step's length. base: of the actuators, as they
     are without strengths and limits: gain, bias 3, range 2 each. reach: lowest and highest force of each actuator.
-    integral: the effect; what it adds now, and its range, 3 an actuator, begin at `added`. errors: at position servos.
+    integral: the effect; what it adds now, the limits of the force over the servo's stiffness, and its damping over
+    that, s, INTEGRAL an actuator, begin at `added`. errors: at position servos.
     level: the joints' constant dry friction. damping: that of the joints. weight: that of the nominal model, which
     motors bear. links: actuators whose servos see the link, with the degree of freedom behind the gear; their ratios of
     damping to stiffness begin at `ratios`. switched: whether the controls are followed by what is switched on. records:
@@ -98,7 +101,7 @@ class Rewriting:
         force = [load(self.p, self.outputs, i) for i in range(nu)]
         on = [load(self.p, self.held, nu + i) if c.switched else None for i in range(nu)]
         clock, dt = self._load(c.clock), self._load(c.clock + 1)
-        u = self._through_servos(ops, q, on, dt)
+        u = self._through_servos(ops, q, v, on, dt)
         if c.base >= 0:
             for i in range(nu):
                 self._actuator(ops, i, v, on[i], clock, dt)
@@ -119,7 +122,9 @@ class Rewriting:
             store(self.p, x, self.held, i)
         self._store(clock + dt, c.clock)
 
-    def _through_servos(self, ops: Ops, q: Sequence[Lanes], on: Sequence[Lanes | None], dt: Lanes) -> list[Number]:
+    def _through_servos(
+        self, ops: Ops, q: Sequence[Lanes], v: Sequence[Lanes], on: Sequence[Lanes | None], dt: Lanes
+    ) -> list[Number]:
         """Commands after what position servos make of their errors."""
         p, c = self.p, self.changing
         behind = dict(c.links)
@@ -131,12 +136,14 @@ class Rewriting:
                 continue
             length = actuator.gear * (q[actuator.joint] + (q[behind[i]] if i in behind else 0.0))
             if c.integral is not None:
-                value, low, high = (self._load(c.added + 3 * i + k) for k in range(3))
-                after = clip(ops, _step(c.integral)(ops, self._of(c.integral, i), value, u - length, dt), low, high)
+                value, low, high, ease = (self._load(c.added + INTEGRAL * i + k) for k in range(INTEGRAL))
+                after = _step(c.integral)(ops, self._of(c.integral, i), value, u - length, dt)
+                damped = ease * (actuator.gear * v[actuator.joint])
+                after = held_integral(ops, value, after, u - length, damped, low, high)
                 switched = on[i]
                 if switched is not None:
                     after = where(p, switched > 0.0, after, 0.0)
-                self._store(after, c.added + 3 * i)
+                self._store(after, c.added + INTEGRAL * i)
                 u = u + value
             error = before = u - length
             for one in c.errors:

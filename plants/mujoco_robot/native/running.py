@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plants.mujoco_robot.native.changing import Changing
+from plants.mujoco_robot.native.changing import INTEGRAL, Changing
 from plants.mujoco_robot.native.compiled import Compiled, Rollout
 from plants.mujoco_robot.native.program import LANES
 
@@ -62,7 +62,7 @@ class Running:
         """Where what the integral parts add is."""
         assert self.changing is not None
         first = self.own + self.changing.added
-        return slice(first, first + 3 * self.on.forces.shape[1], 3)
+        return slice(first, first + INTEGRAL * self.on.forces.shape[1], INTEGRAL)
 
 
 def whole_blocks(x: np.ndarray) -> np.ndarray:

@@ -48,7 +48,7 @@ class OneStep:
             places, gear = self._driven
             length = gear * (q[:, places] if self.servos is None else self.servos.seen(robot, q))
             if self.integrals is not None:
-                u = self.integrals.through(k, u, length, self.dt)
+                u = self.integrals.through(k, u, length, gear * v[:, robot.dofs[robot.driven]], self.dt)
                 ctrl[:] = u
             error = u - length
             for effect, p in self.errors:

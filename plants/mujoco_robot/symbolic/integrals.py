@@ -10,8 +10,8 @@ from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from plants.mujoco_robot.symbolic.numbers import Parameters
 from plants.mujoco_robot.symbolic.torques import JointTorques
 from residual_mpc.effects.chain import Chain
-from residual_mpc.effects.ops import Array, Kinks, clip
-from residual_mpc.effects.position_servo import SERVO_INTEGRAL
+from residual_mpc.effects.ops import Array, Kinks
+from residual_mpc.effects.position_servo import SERVO_INTEGRAL, held_integral
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,9 +52,13 @@ class Integrals:
         out = {}
         for i, a in self._numbered():
             error = 0.5 * (self._error(i, told, q[0]) + self._error(i, told, q[1]))
-            x = self._stepped(i, now[self._state(a)], error, p, self.dt)
+            before = now[self._state(a)]
+            x = self._stepped(i, before, error, p, self.dt)
             low, high = torques.integral_range(i, p, clock)
-            out[self._state(a)] = x if low is None else clip(kinks.exact, x, low, high)
+            if low is not None:
+                damped = torques.ease(i, p) * self._speed(i, q)
+                x = held_integral(kinks.exact, before, x, error, damped, low, high)
+            out[self._state(a)] = x
         return out
 
     def holding(self, held: np.ndarray) -> dict[str, float]:
@@ -67,6 +71,11 @@ class Integrals:
     def _error(self, i: int, told: Sequence[Array], q: Sequence[Array]) -> Array:
         gear = float(self.robot.model.actuator_gear[i, 0])
         return told[i] - gear * q[int(self.robot.driven[i])]
+
+    def _speed(self, i: int, q: tuple[Sequence[Array], Sequence[Array]]) -> Array:
+        """Of the actuator over the step, command unit/s."""
+        gear, joint = float(self.robot.model.actuator_gear[i, 0]), int(self.robot.driven[i])
+        return gear * (q[1][joint] - q[0][joint]) / self.dt
 
     def _stepped(self, i: int, x: Array, error: Array, p: Sequence[Array], dt: float) -> Array:
         assert SERVO_INTEGRAL.step is not None

@@ -75,13 +75,16 @@ class JointTorques:
         return [self._force(i, q[joint], v[joint], u[i], p, clock, None)[0] for i, joint in driven]
 
     def integral_range(self, i: int, p: Sequence[Any], clock: Any) -> tuple[Any, Any]:
-        """What an integral part may add to an actuator's setpoint, at least and at most; (None, None) without a limit
-        of the force."""
+        """The limits of an actuator's force over its stiffness, command unit; (None, None) without any."""
         name = self.robot.actuators[i]
         supply, law = self._strength(name, p, clock)
         low, high = self._range(i, name, supply, p, 0.0)
         stiff = law * self._position_gain(i, p)
         return (None, None) if low is None else (low / stiff, high / stiff)
+
+    def ease(self, i: int, p: Sequence[Any]) -> Any:
+        """A position servo's damping over its stiffness, s."""
+        return self._velocity_gain(i, p) / self._position_gain(i, p)
 
     def rotors(self, p: Sequence[Any]) -> list[Any]:
         """(n,) rotor inertias reflected to the joints, kg m^2."""

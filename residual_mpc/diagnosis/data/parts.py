@@ -1,18 +1,19 @@
 """A part of the runs in which an effect acts, while it does nothing in the rest."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Block, Dataset
-from residual_mpc.diagnosis.data.left_out import SLACK
+from residual_mpc.diagnosis.data.left_out import SLACK, clear_of
 
 WHOLE = (-np.inf, np.inf)
 NOWHERE = (np.inf, -np.inf)
 
-Spans = Mapping[int, tuple[float, float]]  # from and to, s, of each run (its index); nowhere in runs that are not named
+Span = tuple[float, float]
+Spans = Mapping[int, Span]  # from and to, s, of each run (its index); nowhere in runs that are not named
 
 
 class Timed(Protocol):
@@ -29,23 +30,32 @@ class Timed(Protocol):
 @dataclass(frozen=True)
 class Part:
     """where: in which stretches of the runs the effect acts; rest: in which it does not. What lies in neither is not
-    known, such as the windows across the instant at which it begins."""
+    known, such as the windows across the instant at which it begins. used: from and to, s, of windows of each run that
+    have told this of held-out runs, and lie in neither."""
 
     where: Spans
     rest: Spans
+    used: Mapping[int, Sequence[Span]] = field(default_factory=dict)
 
     def inside(self, data: Timed) -> np.ndarray:
         """(W,) bool: the windows that lie in the part."""
-        return _within(data, self.where)
+        return _within(data, self.where) & self._unused(data)
 
     def outside(self, data: Timed) -> np.ndarray:
         """(W,) bool: the windows that lie in the rest."""
-        return _within(data, self.rest)
+        return _within(data, self.rest) & self._unused(data)
 
-    def with_run(self, run: int, t: float, acts: bool) -> "Part":
-        """With what a run has from t on, s, in the part where the effect acts there, else in the rest."""
-        there = {run: (t, np.inf)}
-        return Part({**self.where, **there}, self.rest) if acts else Part(self.where, {**self.rest, **there})
+    def with_run(self, run: int, where: Span | None, rest: Span | None, used: Sequence[Span]) -> "Part":
+        """With a run in which the effect acts in one stretch, if any, and does not in another, if any."""
+        there, not_there = ({} if span is None else {run: span} for span in (where, rest))
+        return Part({**self.where, **there}, {**self.rest, **not_there}, {**self.used, run: used})
+
+    def _unused(self, data: Timed) -> np.ndarray:
+        out = np.ones(len(data.run), dtype=bool)
+        for run, spans in self.used.items():
+            mine = data.run == run
+            out[mine] = clear_of(spans, data.start[mine], data.horizon)
+        return out
 
 
 def after(last: tuple[int, float], first: tuple[int, float], runs: int) -> Part:
@@ -64,7 +74,8 @@ def before(last: tuple[int, float], first: tuple[int, float], runs: int) -> Part
 
 def in_runs(some: Iterable[int], others: Iterable[int]) -> Part:
     """In some runs, not in others."""
-    return Part(*(dict.fromkeys(map(int, runs), WHOLE) for runs in (some, others)))
+    where, rest = (dict.fromkeys(map(int, runs), WHOLE) for runs in (some, others))
+    return Part(where, rest)
 
 
 def _within(data: Timed, spans: Spans) -> np.ndarray:

@@ -1,6 +1,7 @@
 """The past errors of position servos, from a run's log."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from residual_mpc.models import optional
 from residual_mpc.models.past_errors import PastErrors
 from residual_mpc.models.protocol import Robot
 
+FIELDS = len(fields(PastErrors))
 FIRST = 0.5  # s of a run from which what its servos' integral parts held at its start is told
 
 
@@ -30,18 +32,19 @@ def past_errors(
 
 
 def _of_run(robot: Robot, run: Run, start: np.ndarray, i: int, signals: Mapping[tuple[int, str], Signal]) -> np.ndarray:
-    """(8, W, nu) in the order of the record's fields."""
+    """(FIELDS, W, nu) in the order of the record's fields."""
     joints = optional.actuator_joints(robot)
     columns = []
     for a, kind, joint in zip(robot.actuators, robot.command_kinds, joints, strict=True):
         signal = signals.get((i, f"position.{joint}"))
         known = kind == "position" and signal is not None and len(signal.t) > 1
-        columns.append(_of_one(run, a, start, signal) if known and signal is not None else np.zeros((8, len(start))))
+        nothing = np.zeros((FIELDS, len(start)))
+        columns.append(_of_one(run, a, start, signal) if known and signal is not None else nothing)
     return np.stack(columns, axis=-1)
 
 
 def _of_one(run: Run, actuator: str, start: np.ndarray, signal: Signal) -> np.ndarray:
-    """(8, W) in the order of the record's fields."""
+    """(FIELDS, W) in the order of the record's fields."""
     t = run.t
     u = held(run, f"command.{actuator}")
     u = np.where(np.isfinite(u), u, u[np.isfinite(u)][0])
@@ -66,4 +69,5 @@ def _of_one(run: Run, actuator: str, start: np.ndarray, signal: Signal) -> np.nd
         np.mean(u[first]), np.mean(q[first]), (q[first][-1] - q[first][0]) / max(t[first][-1] - t[0], 1e-9),
         np.mean(sent[first]), np.mean(turned[first]),
     ])  # fmt: skip
-    return np.concatenate([[until(sent), until(turned), whole], np.repeat(early[:, None], len(start), axis=1)])
+    since_then = [until(sent), until(turned), whole, u[begin]]
+    return np.concatenate([since_then, np.repeat(early[:, None], len(start), axis=1)])

@@ -9,6 +9,7 @@ import numpy as np
 from residual_mpc.diagnosis.data.where import locate
 from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.options import Progress
+from residual_mpc.diagnosis.phases.certainty import certainty_of
 from residual_mpc.diagnosis.phases.validate import Validated
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup
 from residual_mpc.diagnosis.predict.group_space import GroupSpace, sized
@@ -18,22 +19,16 @@ from residual_mpc.diagnosis.remainder.learning import NOTHING, Learned, Learner,
 from residual_mpc.diagnosis.remainder.records import Rest
 from residual_mpc.diagnosis.remainder.resemblance import resembles
 from residual_mpc.diagnosis.results.alternatives import alternatives, candidates, rival_sets
-from residual_mpc.diagnosis.results.causes import causes_of, most_sure, refitted_without
+from residual_mpc.diagnosis.results.causes import causes_of, refitted_without
 from residual_mpc.diagnosis.results.conditions import moved, notes, setup
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.gaps import ExplanationGaps
 from residual_mpc.diagnosis.results.next_experiment import next_experiment
-from residual_mpc.diagnosis.results.one_encoder import of_one_encoder
 from residual_mpc.diagnosis.results.records import Candidate, Cause, Diagnosis, DiagnosisResult, GapStep, StageShare
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.stages import staged
-from residual_mpc.diagnosis.results.support import Support, doubts
 from residual_mpc.diagnosis.results.variation_records import Variation
-from residual_mpc.diagnosis.results.verdict import beats_forecast, clearest, deciding, judged_share
 from residual_mpc.diagnosis.search.acceptance import Ruler
-from residual_mpc.diagnosis.search.substitutes import imitate
-from residual_mpc.effects.laws import is_law
-from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Term, Values
 
 LIKELY = 0.5  # probability of an effect, with what the runs do not tell from it, from which it explains a gap
@@ -76,35 +71,25 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     found, of, supports = validated.gaps, validated.explanation, validated.supports
     helps, final, settings = found.helps, of.final, validated.options.settings
     verdict, share = validated.verdict, validated.judged.verdict[1]
-    # a slow effect hardly shows in the headline's gap: what is left counts where the gap is clearest
-    usual = validated.usual
-    unexplained = judged_share(clearest(usual.looks)) if helps else share
-    beats = beats_forecast(usual.looks[0], usual.constant_velocity)
-    judged = verdict if validated.without is None else usual.verdict[0]
-    certain = partial(most_sure, judged, unexplained, _times_floor(usual), beats, settings=settings)
-    most = settings.causes.coarse if validated.judged.coarse else 1.0
-    sure = {t: min(certain(standing=_stands(t, s)), most) for t, s in supports.items()}
-    weak = doubts(supports, extras.rest, settings=settings)
-    known = {**of.run_sizes, **of.in_parts}  # the fit accounts for these variations, but for none with the motion
-    varying = {t: v for t, v in validated.varying.items() if v.by_state or t not in known}
-    doubt = {t: d * steadiness(t, varying, settings) for t, d in weak.items()}
-    doubt |= {t: settings.parts.sized * doubt[t] for t in of.run_sizes if t in doubt}
-    beside = [t for t in doubt if t not in of.in_parts and any(_alike(t, part) for part in of.in_parts)]
-    doubt |= {t: settings.causes.resting * doubt[t] for t in beside}
-    bent = of_one_encoder(final.terms, [n.term for n in of.untestable])
-    doubt |= {t: settings.causes.resting * doubt[t] for t in bent if t in doubt}
+    certainty = certainty_of(validated, extras.rest)
+    varying = dict(certainty.varying)
     groups = tuple(g for g in of.rivalry.groups if not any(t in of.left_out for m in g for t in m)) if helps else ()
     # a size that varies with the motion speaks against the named member alone
-    every_doubt = {**shared(weak, groups), **doubt}
+    every_doubt = {**shared(certainty.weak, groups), **certainty.doubt}
     others = alternatives(of.rivalry, groups, final, settings=settings) if helps else ()
     refitted = partial(refitted_without, of, steps=validated.options.final_steps, settings=settings)
     causes: tuple[Cause, ...] = ()
     if helps:
         varying = {**varying, **{t: _with(varying.get(t), v) for t, v in of.run_sizes.items()}}
-        causes = causes_of(of, share, sure, supports, doubt, refitted, settings=settings, varying=varying)
+        causes = causes_of(
+            of, share, certainty.sure, supports, certainty.doubt, refitted, settings=settings, varying=varying
+        )
     varying = {**varying, **{t: _with(varying.get(t), v) for t, v in of.in_parts.items()}}
-    looked_at = candidates(of.rivalry, of.base, final, shared(sure, groups), of.left_out, every_doubt) if helps else ()
-    looked_at = as_named(looked_at, causes)
+    looked_at: tuple[Candidate, ...] = ()
+    if helps:
+        sure = shared(certainty.sure, groups)
+        looked_at = candidates(of.rivalry, of.base, final, sure, of.left_out, every_doubt)
+        looked_at = as_named(looked_at, causes, of.unlikely)
     if verdict == "effects" and not validated.judged.told and not _likely(causes, looked_at, groups):
         verdict = "partial"  # a gap that is small anyway confirms nothing
     run, unlike = validated.odd, validated.unlike.document(of.raw.horizon)
@@ -121,7 +106,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
         causes=tuple(replace(c, variation=varying.get(c.term)) for c in causes),
         candidates=looked_at,
         groups=groups,
-        rivals=rival_sets(of.rivalry) if helps else (),
+        rivals=rival_sets(of.rivalry, of.unlikely) if helps else (),
         alternatives=others,
         setup=setup(of.raw, dispersion(final, blocks_of(of.problem.data, settings=settings.fit))),
         not_testable=of.untestable,
@@ -144,14 +129,6 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
         groups_of_windows=of.space.groups if helps and isinstance(of.space, GroupSpace) else (),
         at_the_end=_at_the_end(of) if helps else None,
     )
-
-
-def _alike(term: Term, part: Term) -> bool:
-    """Whether an effect that acts in all runs may be another size, in the rest, of one that acts in a part: it imitates
-    that, or both are limits of one stage."""
-    one, other = BY_NAME[term.effect], BY_NAME[part.effect]
-    limits = all(any(p.threshold for p in e.parameters) for e in (one, other))
-    return imitate(term, part) or (limits and one.stage == other.stage)
 
 
 def _with(known: Variation | None, found: Variation) -> Variation:
@@ -179,16 +156,14 @@ def _likely(causes: Sequence[Cause], looked_at: Sequence[Candidate], groups: Seq
     return any(x >= LIKELY for x in sums)
 
 
-def as_named(looked_at: Sequence[Candidate], causes: Sequence[Cause]) -> tuple[Candidate, ...]:
-    """The candidates, ranked; a named one has the probability of its cause, which a doubtful number lowers."""
-    named = {c.term: c.probability for c in causes}
+def as_named(
+    looked_at: Sequence[Candidate], causes: Sequence[Cause], unlikely: Mapping[Term, float]
+) -> tuple[Candidate, ...]:
+    """The candidates, ranked; a named one has the probability of its cause, which a doubtful number lowers, and one
+    that was left out as unlikely has its own."""
+    named = {**unlikely, **{c.term: c.probability for c in causes}}
     out = (replace(c, probability=named.get(c.term, c.probability)) for c in looked_at)
     return tuple(sorted(out, key=lambda c: -c.probability))
-
-
-def _stands(term: Term, support: Support) -> float:
-    """How far an effect stands above what is left; a law takes up whatever there is."""
-    return 0.0 if is_law(term.effect) else support.standing
 
 
 def shared(doubt: Mapping[Term, float], groups: Sequence[ConfoundedGroup]) -> dict[Term, float]:
@@ -202,19 +177,6 @@ def shared(doubt: Mapping[Term, float], groups: Sequence[ConfoundedGroup]) -> di
         factor = min(doubt[t] for t in here)
         out |= {t: max(out.get(t, 0.0), factor) for m in group for t in m if t not in doubt}
     return out
-
-
-def steadiness(term: Term, varying: Mapping[Term, Variation], settings: ResultSettings) -> float:
-    """A factor on the probability of an effect: less if it varies in a way that speaks for another cause, or if the
-    same effect elsewhere turns out to follow another law."""
-    own = varying.get(term)
-    kin = any(v.by_state for t, v in varying.items() if t.effect == term.effect)
-    return settings.support.unsupported if kin or (own is not None and own.doubtful) else 1.0
-
-
-def _times_floor(found: ExplanationGaps) -> float:
-    """How many times the noise floor is left, at the horizon where that is most."""
-    return max(look.times_floor for look in deciding(found.looks))
 
 
 def _left(

@@ -132,8 +132,7 @@ def _sharpened(prepared: Prepared, values: Values, absent: Sequence[Term], split
     split = sharpened(timeline, split, inside, outside, settings=prepared.options.settings.parts)
     timeline, order = timeline_of(prepared.clean)
     inside, outside = errors(prepared.clean, order)
-    part = with_held_runs(timeline, split.part, prepared.free[order], inside, outside)
-    return replace(split, part=part)
+    return with_held_runs(timeline, split, prepared.free[order], inside, outside)
 
 
 def _absent(prepared: Prepared, values: Values, part: Part, settings: PartSettings) -> tuple[Term, ...]:

@@ -81,7 +81,7 @@ def _explained(refined: Refined, found: WithLaws, rng: np.random.Generator) -> F
     ends = {k: (final.values[k],) for k in final.knobs if k.effect != TUNE}
     return replace(
         of, problem=problem, base=base, final=final, ends=ends, rivalry=_still_standing(of.rivalry, final),
-        vetoed=(), doubtful=(), expected=expected, tolerated=None, omitted=(), forms=found.forms,
+        vetoed=(), doubtful=(), unlikely={}, expected=expected, tolerated=None, omitted=(), forms=found.forms,
         in_parts={t: v for t, v in of.in_parts.items() if t in final.terms},
         run_sizes={t: v for t, v in of.run_sizes.items() if t in final.terms},
     )  # fmt: skip

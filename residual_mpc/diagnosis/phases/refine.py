@@ -1,5 +1,6 @@
 """The third phase: what the search found is fitted to the end and questioned, before anything is opened."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,6 +38,8 @@ from residual_mpc.diagnosis.search.optional_numbers import (
     with_all_free,
     without_numbers,
 )
+from residual_mpc.diagnosis.search.rivals import Rivalry
+from residual_mpc.diagnosis.search.testable import NotTestable
 from residual_mpc.effects.sensor import SENSOR_OUTLIERS
 from residual_mpc.models.settings import Settings, Term, Values
 
@@ -45,10 +48,12 @@ LAST_RESORT = 4  # times the columns that small differences may have, on the few
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """The explanation that stands before anything is opened, of the windows `prepared`."""
+    """The explanation that stands before anything is opened, of the windows `prepared`; scales: of the windows of the
+    last fit."""
 
     explanation: FittedExplanation
     prepared: Prepared
+    scales: Scales
 
     @property
     def longer(self) -> tuple[HorizonWindows, ...]:
@@ -73,24 +78,65 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     problem = trusting(problem, rivalry.fit.values, searched.scales, settings)
     starts = [rivalry.fit.values, found.base.values]
     polished, base = polish(problem, starts, options.final_steps, searched.scales, settings=settings.fit)
+    fitted = _Fitted(prepared, problem, searched.scales, base.fit, rivalry, searched.untestable)
+    return Refined(_explained(fitted, polished, rng), prepared, searched.scales)
+
+
+def refined_without(refined: Refined, gone: Sequence[Term], rng: np.random.Generator) -> Refined:
+    """The explanation less these effects, fitted again from where it was."""
+    of, prepared = refined.explanation, refined.prepared
+    fewer = of.final.values
+    for term in gone:
+        fewer = without(fewer, term)
+    fitted = _Fitted(prepared, of.problem, refined.scales, of.base, of.rivalry, of.untestable)
+    polished = _again(of.problem, Polished(of.final, dict(of.ends)), fewer, prepared.options)
+    now = _explained(fitted, polished, rng)
+    terms = now.final.terms
+    now = replace(
+        now,
+        vetoed=(*of.vetoed, *now.vetoed),
+        doubtful=(*of.doubtful, *now.doubtful),
+        aside=of.aside,
+        serving=of.serving,
+        in_parts={t: v for t, v in of.in_parts.items() if t in terms},
+        run_sizes={t: v for t, v in of.run_sizes.items() if t in terms},
+    )
+    return replace(refined, explanation=now)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """What stays as it is while effects leave an explanation; scales: of the windows of the problem."""
+
+    prepared: Prepared
+    problem: Problem
+    scales: Scales
+    base: Fit
+    rivalry: Rivalry
+    untestable: tuple[NotTestable, ...]
+
+
+def _explained(fitted: _Fitted, polished: Polished, rng: np.random.Generator) -> FittedExplanation:
+    """The explanation less the effects that a closer look refutes, and the shrink expected of it."""
+    prepared, problem, base = fitted.prepared, fitted.problem, fitted.base
+    options, settings = prepared.options, prepared.options.settings
     polished, vetoed = _heed_encoders(problem, polished, options)
     polished, moved = _choose_numbers(problem, polished, options)
     polished, doubtful = _leave_doubtful(problem, polished, options)
     polished = with_least_limits(problem, polished, settings.fit)
-    final, before = polished.fit, base.fit
+    final = polished.fit
     counts, allowed = _outliers_count(prepared, prepared.space.settings([final.values]), rng), _may_be_named(options)
     with_outliers, unnamed = counts and allowed, counts and not allowed
     expected = None
     if final.terms or with_outliers:
-        expected = cross_validated_shrink(prepared, problem, final, before, with_outliers, rng, times)
-    tolerated, omitted = _with_small_differences(problem, searched.scales, final, options)
+        expected = cross_validated_shrink(prepared, problem, final, base, with_outliers, rng, times_longer(problem))
+    tolerated, omitted = _with_small_differences(problem, fitted.scales, final, options)
     omitted += tuple({k: shift.get(k, 0.0) for k in final.knobs} for shift in moved)
-    explanation = FittedExplanation(
-        prepared.raw, prepared.clean, prepared.scales, prepared.kept, prepared.held, prepared.free, problem, before,
-        final, polished.ends, rivalry, searched.untestable, prepared.outliers, with_outliers, unnamed, vetoed, doubtful,
-        expected, tolerated, omitted,
+    return FittedExplanation(
+        prepared.raw, prepared.clean, prepared.scales, prepared.kept, prepared.held, prepared.free, problem, base,
+        final, polished.ends, fitted.rivalry, fitted.untestable, prepared.outliers, with_outliers, unnamed, vetoed,
+        doubtful, expected, tolerated, omitted,
     )  # fmt: skip
-    return Refined(explanation, prepared)
 
 
 def trusting(problem: Problem, values: Values, scales: Scales, settings: ResultSettings) -> Problem:

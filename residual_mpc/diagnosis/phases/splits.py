@@ -1,12 +1,12 @@
 """Parts of the runs in which effects may act alone, where an explanation of all runs leaves much."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
-from residual_mpc.diagnosis.data.parts import Part, after, before, in_runs
+from residual_mpc.diagnosis.data.parts import WHOLE, Part, Span, after, before, in_runs
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.phases.refine import Refined
 from residual_mpc.diagnosis.phases.remaining import compared, window_errors
@@ -98,18 +98,37 @@ def sharpened(line: Timeline, split: Split, inside: np.ndarray, outside: np.ndar
     return next(iter(_at(line, n, split.begins, *lost)), split)
 
 
-def with_held_runs(line: Timeline, part: Part, free: np.ndarray, inside: np.ndarray, outside: np.ndarray) -> Part:
-    """The part with the runs of which no fit has seen any window, free (W,) bool, and of which it is not known whether
-    they lie in it: by the squared errors (W,) of the first half of each, which is then no longer judged."""
+def with_held_runs(line: Timeline, split: Split, free: np.ndarray, inside: np.ndarray, outside: np.ndarray) -> Split:
+    """The split with the runs of which no fit has seen any window, free (W,) bool, and of which it is not known whether
+    they lie in the part: by the squared errors (W,) of every other window, which is then no longer judged. In a run
+    between the two sides the effects may begin or end."""
+    part, known = split.part, sorted({*split.part.where, *split.part.rest})
     for i in np.unique(line.run):
         mine = np.flatnonzero(line.run == i)
-        known = (part.inside(line) | part.outside(line))[mine]
-        if free[mine].any() or known.any() or len(mine) < 2:
+        told = (part.inside(line) | part.outside(line))[mine]
+        if free[mine].any() or told.any() or len(mine) < 2:
             continue
-        first = mine[: len(mine) // 2]
-        acts = bool(inside[first].sum() < outside[first].sum())
-        part = part.with_run(int(i), float(line.start[mine[len(first)]]), acts)
-    return part
+        used = mine[::2]
+        gain = outside[used] - inside[used]  # by the effects
+        spans = [(float(line.start[k]), float(line.start[k] + line.horizon)) for k in used]
+        sides = [[j for j in known if (j in split.part.where) == acts] for acts in (split.begins, not split.begins)]
+        between = split.at is not None and max(sides[1]) < i < min(sides[0])
+        part = part.with_run(int(i), *_acting(gain, spans, split.begins, between), spans)
+    return replace(split, part=part)
+
+
+def _acting(gain: np.ndarray, spans: Sequence[Span], begins: bool, between: bool) -> tuple[Span | None, Span | None]:
+    """From and to, s, where effects act in a run and where they do not, by what they gain (n,) in each of these spans:
+    all along or nowhere, or in a run between the sides of an instant maybe from or up to one."""
+    whole = float(gain.sum())
+    if between:
+        early = np.cumsum(gain)[:-1]
+        saved = whole - early if begins else early
+        k = int(np.argmax(saved))
+        if saved[k] > max(whole, 0.0):
+            first, then = (-np.inf, spans[k][1]), (spans[k + 1][0], np.inf)
+            return (then, first) if begins else (first, then)
+    return (WHOLE, None) if whole > 0.0 else (None, WHOLE)
 
 
 def _at(line: Timeline, n: int, begins: bool, lost_before: int = 0, lost_after: int = 0) -> list[Split]:

@@ -91,6 +91,11 @@ def validate(refined: Refined, rng: np.random.Generator, progress: Progress) -> 
         fresh = measure(judged, seen)
     gaps = measure(refined.explanation, longer, judged=fresh)
     odd, unlike = one_run(fresh or gaps), _unlike(fresh or gaps, settings)
+    spoilt = _spoilt_starts(gaps.of.raw, unlike)
+    if spoilt.any() and gaps.helps:
+        measure = partial(measure, spoilt=spoilt)
+        fresh = None if fresh is None else measure(judged, seen)
+        gaps = measure(refined.explanation, longer, judged=fresh)
     if odd is not None and gaps.helps and makes_the_odd_run((fresh or gaps).of, settings):
         odd = None
     if not gaps.helps:
@@ -123,6 +128,13 @@ def _unlike(gaps: ExplanationGaps, settings: ResultSettings) -> Unlike:
     if not there.any():
         return Unlike()
     return Unlike(stretches, float(np.nanmax(left[there])), float(np.nanmedian(left)), of.serving)
+
+
+def _spoilt_starts(data: Dataset, unlike: Unlike) -> np.ndarray:
+    """(R,) bool: the runs that begin with a stretch that is unlike everything else: what was sent before the first
+    stamp may still have acted there."""
+    begins = {(k.run, k.start) for k in unlike.stretches}
+    return np.array([(run.name, float(run.t[0])) in begins for run in data.runs])
 
 
 def _usual(data: Dataset, odd: OddRun | None, unlike: Unlike) -> np.ndarray:

@@ -1,6 +1,6 @@
 """The explanations that were compared, as the document lists them: candidates, whole sets, alternatives."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -47,15 +47,20 @@ def candidates(
     return tuple(sorted(out, key=lambda c: -c.probability))
 
 
-def rival_sets(rivalry: Rivalry) -> tuple[RivalSet, ...]:
+def rival_sets(rivalry: Rivalry, gone: Collection[Term] = ()) -> tuple[RivalSet, ...]:
     """The best few sets as wholes, the chosen one among them, with the share of the likelihood that each holds. Members
-    of several groups stand in any combination, with the product of their weights."""
-    found = rivalry.as_found.terms
+    of several groups stand in any combination, with the product of their weights. gone: effects that are left out of
+    all of them."""
+
+    def less(terms: EffectSet) -> EffectSet:
+        return tuple(t for t in terms if t not in gone)
+
+    found, rivals = less(rivalry.as_found.terms), [r for r in rivalry.rivals if not set(r.gone) & set(gone)]
     weights: dict[EffectSet, float] = {found: 1.0}
-    for r in rivalry.rivals:
-        weights[r.fit.terms] = max(weights.get(r.fit.terms, 0.0), _weight(r))
+    for r in rivals:
+        weights[less(r.fit.terms)] = max(weights.get(less(r.fit.terms), 0.0), _weight(r))
     several: dict[EffectSet, float] = {found: 1.0}
-    for r in (r for r in rivalry.rivals if r.alike):
+    for r in (r for r in rivals if r.alike):
         several |= {_exchanged(terms, r): w * _weight(r) for terms, w in several.items() if _has_place(terms, r)}
     known = {frozenset(terms) for terms in weights}
     weights |= {terms: w for terms, w in several.items() if frozenset(terms) not in known}

@@ -85,6 +85,18 @@ def _doubtful(
     return found
 
 
+def doubts_by_numbers(
+    of: FittedExplanation, unexplained: float, varying: Mapping[Term, Variation], settings: ResultSettings
+) -> dict[Term, float]:
+    """A factor on the probability of each effect of the library, for its numbers."""
+    spread = spread_of(of, varying, settings=settings)
+    return {
+        t: _doubt_by_numbers(of, t, estimates_of(of, t, spread, unexplained, {}, settings=settings), settings)
+        for t in of.final.terms
+        if not is_law(t.effect)
+    }
+
+
 def _doubt_by_numbers(
     of: FittedExplanation, term: Term, estimates: Sequence[Estimate], settings: ResultSettings
 ) -> float:

@@ -139,6 +139,10 @@ def notes(
             f"{', '.join(map(str, of.doubtful))} improved the fit on the windows of the search, but on all windows the "
             "size is not significantly different from zero."
         )
+    if found.helps and of.unlikely:
+        said.append(
+            f"Not named since unlikely, although the gap would be a little smaller: {', '.join(map(str, of.unlikely))}."
+        )
     if of.vetoed:
         said.append(
             f"{', '.join(map(str, of.vetoed))} would reduce the gap of the pose, but contradicts the wheel encoders."

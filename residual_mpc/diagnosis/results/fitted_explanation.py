@@ -43,7 +43,7 @@ class FittedExplanation:
     these, and beside all optional numbers of their effects. forms: the shape of each fitted law;
     aside: stretches that are unlike everything else, which no fit has seen; serving: effects that would explain
     them; in_parts: where the effects act that act in a part of the runs alone; run_sizes: the sizes of effects that
-    have their own in each run."""
+    have their own in each run; unlikely: effects that are left out as likelier absent, each with its probability."""
 
     raw: Dataset
     clean: Dataset
@@ -70,6 +70,7 @@ class FittedExplanation:
     serving: tuple[Term, ...] = ()
     in_parts: Mapping[Term, Variation] = field(default_factory=dict)
     run_sizes: Mapping[Term, Variation] = field(default_factory=dict)
+    unlikely: Mapping[Term, float] = field(default_factory=dict)
 
     def take(self, keep: np.ndarray) -> "FittedExplanation":
         """Judged on the windows of `raw` where the mask (W,) is true."""
@@ -88,7 +89,7 @@ class FittedExplanation:
     @property
     def left_out(self) -> tuple[Term, ...]:
         """Effects that the search had found."""
-        return self.vetoed + self.doubtful
+        return (*self.vetoed, *self.doubtful, *self.unlikely)
 
     @property
     def anything(self) -> bool:

@@ -30,7 +30,8 @@ class CauseSettings:
     minor: share of what another effect predicts of the motion, below which `resting` counts for that. apart:
     half-widths beyond which an interval is that wide since two fits end apart. fewest_runs: from which their
     disagreement widens intervals; agree: how often runs that agree do so too; contributing: share of the runs that a
-    number has to depend on for that."""
+    number has to depend on for that. unlikely: probability without a rival below which an effect is left out where the
+    squared gap then rises by no more than the share `little` of what it was before any effect."""
 
     form: float = 0.5
     law: float = 0.03
@@ -51,10 +52,13 @@ class CauseSettings:
     fewest_runs: int = 4
     agree: float = 0.2
     contributing: float = 0.35
+    unlikely: float = 0.3
+    little: float = 0.01
 
     def __post_init__(self) -> None:
         check_share(self, "form", "law", "order", "most_sure", "most_partial", "shadow", "least_sure", "useful",
-                    "coarse", "resting", "beside", "doubtful", "minor", "agree", "contributing")  # fmt: skip
+                    "coarse", "resting", "beside", "doubtful", "minor", "agree", "contributing",
+                    "unlikely", "little")  # fmt: skip
         check_positive(self, "apart", "fewest_runs", "standing_low")
         if not self.standing_high > self.standing_low:
             raise ValueError(f"CauseSettings.standing_high must be > standing_low, got {self.standing_high}")
