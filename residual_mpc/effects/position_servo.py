@@ -12,13 +12,13 @@ def integral_step(ops: Ops, p: Values, x: Array, error: Array, dt: float) -> Arr
 
 
 def held_integral(ops: Ops, before: Array, after: Array, error: Array, damped: Array, low: Array, high: Array) -> Array:
-    """The integral part after a step, which goes no further while the servo asks for more than its limits (conditional
+    """The integral part after a step, which stops growing while the servo demands more than its limits (conditional
     integration; Astrom and Hagglund 2006, section 3.5).
 
-    All in the unit of the setpoint. before, after: of the step; error: of the position; damped: what the servo's own
-    damping takes at the present speed; low, high: the limits of the force over the servo's stiffness."""
-    room = damped - error
-    return clip(ops, after, ops.minimum(low + room, before), ops.maximum(high + room, before))
+    All in the unit of the setpoint. before, after: of the step; error: of the position; damped: the force of the
+    servo's own damping over its stiffness; low, high: the limits of the force over the stiffness."""
+    margin = damped - error
+    return clip(ops, after, ops.minimum(low + margin, before), ops.maximum(high + margin, before))
 
 
 SERVO_INTEGRAL = Effect(

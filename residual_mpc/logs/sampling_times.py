@@ -8,7 +8,7 @@ stamp's deviation that belongs to the sampling.
 
 A joint that follows its command at once shows the position commanded at the previous stamp. Its samples lie on a smooth
 curve over the stamps of the previous rows, and the stamps are right. Speeds may follow a held command within a sample
-as well, and then look smoother over the rows than over time, so that they are heard only where no position is logged.
+as well, and then look smoother over the rows than over time, so they are used only if no position has enough samples.
 """
 
 from __future__ import annotations

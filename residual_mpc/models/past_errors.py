@@ -7,7 +7,8 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class PastErrors:
-    """As the log has it, (B, nu) each; zeros at actuators that take no positions, or whose joint is not measured.
+    """As the log has it, (B, nu) each; zeros at actuators that take no positions, or whose joint is not measured, where
+    `known` is 0 instead of 1.
 
     sent, turned: integrals of the command and of the joint's position, from the run's first stamp, or from where the
     actuator was last switched on, to the window's start, command unit s and rad s. whole: 1 where that is the run's
@@ -16,6 +17,7 @@ class PastErrors:
     stamp.
     """
 
+    known: np.ndarray
     sent: np.ndarray
     turned: np.ndarray
     whole: np.ndarray

@@ -53,6 +53,20 @@ def test_sets_that_differ_in_two_places_are_there_as_well() -> None:
     assert found == pytest.approx(dict.fromkeys(every, 0.25))
 
 
+def test_what_is_left_out_is_in_no_set_nor_what_stood_in_its_place() -> None:
+    """Also where the search had found another member of its group."""
+    found = {s.effects: s.probability for s in rival_sets(RIVALRY, (RADIUS,))}
+    assert found == pytest.approx({(TRACK,): 1.0})
+    exchanged = Rivalry(FINAL, (rival(GAIN, RADIUS, 0.0, 25.0, alike=True),), (), {}, fit(25.0, GAIN, TRACK))
+    assert [s.effects for s in rival_sets(exchanged, (RADIUS,))] == [(TRACK,)]
+
+
+def test_a_rival_of_what_is_left_out_is_no_surer_than_it() -> None:
+    sure = {TRACK: 0.9, RADIUS: 0.2}  # the probability of the place
+    found = {c.term: c.probability for c in candidates(RIVALRY, fit(100.0), fit(26.0, TRACK), sure, (), {})}
+    assert found == pytest.approx({RADIUS: 0.08, GAIN: 0.08, SLIP: 0.04, TRACK: 0.9})
+
+
 SURE = {RADIUS: 0.9, TRACK: 0.9}
 
 

@@ -18,7 +18,7 @@ from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.phases.certainty import _alike
 from residual_mpc.diagnosis.phases.remaining import better, compared, window_errors
-from residual_mpc.diagnosis.phases.splits import Split, _step, sharpened, timeline_of, with_held_runs
+from residual_mpc.diagnosis.phases.splits import Split, Timeline, _step, sharpened, timeline_of, with_held_runs
 from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.group_space import group_space
 from residual_mpc.diagnosis.predict.noise_errors import start_errors
@@ -120,40 +120,66 @@ def test_the_windows_across_the_instant_lie_in_neither_side() -> None:
     assert np.array_equal(some.inside(data), data.run != 1) and np.array_equal(some.outside(data), data.run == 1)
 
 
-def test_a_held_out_run_is_judged_on_every_other_window() -> None:
-    data = build_dataset([rover_run(f"r{i}", {}, seed=i) for i in range(3)], [ROVER] * 3, SIGMA)
-    line, _ = timeline_of(data)
-    free, large, small = line.run != 2, np.ones(line.run.size), np.full(line.run.size, 0.1)
-    held = np.flatnonzero(line.run == 2)
-    for inside, outside, acts in ((small, large, True), (large, small, False)):
-        part = with_held_runs(line, Split(in_runs([1], [0])), free, inside, outside).part
+def line_of(*counts: int) -> Timeline:
+    """Runs of so many windows."""
+    run = np.repeat(np.arange(len(counts)), counts)
+    start = np.concatenate([np.arange(float(n)) for n in counts])
+    runs = tuple(Run(f"r{i}", np.arange(n + 1.0), {}) for i, n in enumerate(counts))
+    return Timeline(runs, run, start, 1.0)
+
+
+def held(line: Timeline, split: Split, acts: np.ndarray, *runs: int) -> Split:
+    """The split with held-out runs, in which the effects act in these windows (W,) bool."""
+    inside, outside = np.where(acts, 0.1, 1.0), np.where(acts, 1.0, 0.1)
+    return with_held_runs(line, split, ~np.isin(line.run, runs), inside, outside, PartSettings())
+
+
+def test_a_held_out_run_is_judged_on_its_second_half() -> None:
+    line = line_of(20, 20, 20)
+    for acts in (True, False):
+        part = held(line, Split(in_runs([1], [0])), np.full(60, acts), 2).part
         there, elsewhere = (part.inside, part.outside) if acts else (part.outside, part.inside)
-        assert there(line)[held].tolist() == [k % 2 == 1 for k in range(len(held))]
-        assert not elsewhere(line)[held].any()
+        assert there(line)[40:].tolist() == [k >= 10 for k in range(20)] and not elsewhere(line)[40:].any()
     told = Split(in_runs([1], [0, 2]))
-    assert with_held_runs(line, told, free, small, large) == told
+    assert held(line, told, np.full(60, True), 2) == told
 
 
 @pytest.mark.parametrize("begins", [True, False])
 def test_an_effect_may_begin_or_end_in_a_held_out_run(begins: bool) -> None:
-    """Only in a run between the two sides of a split in time."""
-    data = build_dataset([rover_run(f"r{i}", {}, seed=i) for i in range(3)], [ROVER] * 3, SIGMA)
-    line, _ = timeline_of(data)
-    free, held = line.run != 1, np.flatnonzero(line.run == 1)
-    acts = (line.start >= 8.0) == begins
-    inside, outside = np.where(acts, 0.1, 1.0), np.where(acts, 1.0, 0.1)
-    sides = ([2], [0]) if begins else ([0], [2])
-    split = with_held_runs(line, Split(in_runs(*sides), 20, begins), free, inside, outside)
+    """In a run between the two sides of a split in time; every other of its windows is judged."""
+    line = line_of(20, 24, 20)
+    acts = (line.start >= 9.0) == begins
+    split = held(line, Split(in_runs(*(([2], [0]) if begins else ([0], [2]))), 20, begins), acts, 1)
     variation = split.variation(line.runs)
     assert variation is not None
     at = variation.since if begins else variation.until
-    assert at is not None and at.run == "r1" and at.t == pytest.approx(8.0, abs=1.0)
-    told = split.part.inside(line)[held], split.part.outside(line)[held]
-    assert not (told[0] & told[1]).any() and not (told[0] | told[1])[::2].any()
-    assert (told[0] <= acts[held]).all() and (told[1] <= ~acts[held]).all()
-    assert min(told[0].sum(), told[1].sum()) >= 3
-    whole = with_held_runs(line, Split(in_runs(*sides)), free, inside, outside)
-    assert whole.part.inside(line)[held].any() != whole.part.outside(line)[held].any()
+    assert at is not None and at.run == "r1" and at.t == pytest.approx(9.0, abs=1.0)
+    inside, outside = split.part.inside(line)[20:44], split.part.outside(line)[20:44]
+    assert not (inside & outside).any() and not (inside | outside)[::2].any()
+    assert (inside <= acts[20:44]).all() and (outside <= ~acts[20:44]).all()
+    assert min(inside.sum(), outside.sum()) >= 4
+
+
+def test_one_instant_is_chosen_for_all_held_out_runs_between_the_sides() -> None:
+    line = line_of(10, 24, 24, 10)
+    acts = (line.run > 1) | ((line.run == 1) & (line.start >= 16.0))
+    split = held(line, Split(in_runs([3], [0]), 10, True), acts, 1, 2)
+    inside, outside = split.part.inside(line), split.part.outside(line)
+    assert inside[line.run == 2].sum() == 12 and not outside[line.run == 2].any()
+    assert (inside <= acts).all() and (outside <= ~acts).all()
+
+
+def test_an_instant_in_a_held_out_run_has_to_be_clear() -> None:
+    """Where the effects gain nothing in particular, a run lies on one side, and a short one is no problem."""
+    rng, dated = np.random.default_rng(3), 0
+    line = line_of(10, 40, 10)
+    for _ in range(100):
+        inside, outside = rng.exponential(size=(2, 60))
+        part = with_held_runs(line, Split(in_runs([2], [0]), 10, True), line.run != 1, inside, outside, PartSettings())
+        dated += 1 in part.part.where and 1 in part.part.rest
+    assert dated <= 15
+    short = line_of(10, 2, 10)
+    assert held(short, Split(in_runs([2], [0]), 10, True), np.full(22, True), 1).part.inside(short)[10:12].sum() == 1
 
 
 def test_an_effect_does_nothing_outside_its_part() -> None:

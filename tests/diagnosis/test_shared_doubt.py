@@ -86,8 +86,6 @@ def test_what_is_named_is_likely_with_what_the_runs_do_not_tell_from_it() -> Non
 def test_a_cause_has_one_probability() -> None:
     """What a number at its bound takes from a cause is taken from the candidate as well, which may fall in rank."""
     looked_at = (Candidate(DELAY, 0.68, 0.9), Candidate(GAIN, 0.5, 0.8), Candidate(RATIO, 0.1, 0.7))
-    found = as_named(looked_at, (Cause(DELAY, 0.34, (), ""), Cause(GAIN, 0.5, (), "")), {})
+    found = as_named(looked_at, (Cause(DELAY, 0.34, (), ""), Cause(GAIN, 0.5, (), "")))
     assert [(c.term, c.probability) for c in found] == [(GAIN, 0.5), (DELAY, 0.34), (RATIO, 0.1)]
     assert [c.shrink for c in found] == [0.8, 0.9, 0.7]
-    left_out = as_named(looked_at, (Cause(GAIN, 0.5, (), ""),), {DELAY: 0.2})
-    assert [(c.term, c.probability) for c in left_out] == [(GAIN, 0.5), (DELAY, 0.2), (RATIO, 0.1)]

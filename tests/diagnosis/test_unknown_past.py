@@ -204,7 +204,7 @@ def test_notes_say_which_windows_the_verdict_leaves_out(tmp_path: Path) -> None:
         final=SimpleNamespace(knobs=(), held=(), terms=(), values={}),
     )  # fmt: skip
     (said, _) = notes(of, found, None, None, ResultSettings())
-    assert said.startswith("1 window of 1 s begins at the start of a run that is already in motion or under load")
+    assert said.startswith("1 window of 1 s begins at the start of a run that is already in motion, under load or")
     assert said.endswith("It counts in the gap, and not in the verdict.")
     nothing: Any = SimpleNamespace(**{**vars(found), "looks": (replace(look, unjudged=look.windows),)})
     assert len(notes(of, nothing, None, None, ResultSettings())) == 1  # the headline's horizon decides all the same

@@ -75,12 +75,12 @@ def test_a_small_one_that_is_unlikely_is_left_out(monkeypatch: pytest.MonkeyPatc
     of = validated.explanation
     assert of is not judged()[1].explanation and of.final.terms == refined.explanation.final.terms == (LAG,)
     assert of.unlikely == {TRACK: 0.2} and TRACK in of.left_out
-    assert validated.verdict == "effects" and of.expected is not None
+    assert validated.verdict == "effects" and of.expected is judged()[0].explanation.expected
     assert of.final.values[Knob(*LAG[:2], "time_constant")] == pytest.approx(0.15, abs=0.02)
     told = to_document(describe(validated, (), np.random.default_rng(0), quiet, lambda diagnosis: None).diagnosis)
     assert [e["effect"] for e in told["explanation"]] == [LAG.effect]
     known = {c["effect"]: c["probability"] for c in told["candidates"]}
-    assert known[TRACK.effect] == 0.2
+    assert known[TRACK.effect] == pytest.approx(0.2)
     assert all(TRACK.effect not in str(s) for s in told["rivals"])
     assert any("track_width" in note and "unlikely" in note for note in told["notes"])
 
@@ -122,3 +122,11 @@ def test_what_acts_in_a_part_of_the_runs_is_not_questioned() -> None:
     of = replace(validated.explanation, in_parts={TRACK: None})  # type: ignore[dict-item]
     gaps = replace(validated.gaps, of=of)
     assert set(unlikely._unlikely(replace(validated, gaps=gaps, supports=doubted))) == {LAG}
+
+
+def test_without_held_out_windows_nothing_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    refined, validated = judged()
+    of = refined.explanation
+    every = replace(refined, explanation=replace(of, held=np.zeros_like(of.held)))
+    monkeypatch.setattr(unlikely, "_unlikely", lambda _: {TRACK: 0.1})
+    assert unlikely.without_unlikely(every, validated, np.random.default_rng(0), quiet) == (every, validated)

@@ -144,10 +144,15 @@ def test_a_speed_that_follows_a_short_command_is_no_outlier() -> None:
     command = 4.0 + np.sin(0.8 * t)
     command[300::200] -= 2.5
     speed = np.concatenate([command[:1], command[:-1]]) + 0.01 * rng.standard_normal(len(t))
-    columns = {"command.left": command, "command.right": command, "velocity.left": speed, "velocity.right": speed}
+    steady = 4.0 + np.sin(0.8 * t)
+    columns = {"command.left": command, "command.right": steady, "velocity.left": speed}
+    columns["velocity.right"] = steady.copy()
     assert spikes(t, speed, noise_sigma(t, speed)).sum() == 4
     run = Run("run1", t, columns)
     assert not [f for f in audit([run], WHEELS) if f.kind == "spikes"]
     speed[510] += 2.0  # which nothing commanded
     (finding,) = [f for f in audit([run], WHEELS) if f.kind == "spikes" and f.column == "velocity.left"]
     assert finding.row == 510 and "1 of 1000 samples" in finding.message
+    columns["velocity.right"] += 0.01 * rng.standard_normal(len(t))
+    columns["velocity.right"][301] -= 2.5  # beside a pulse of the other wheel's command
+    assert [f.row for f in audit([run], WHEELS) if f.kind == "spikes" and f.column == "velocity.right"] == [301]

@@ -162,6 +162,24 @@ def test_it_has_summed_up_what_a_delay_and_a_lag_let_through(tmp_path: Path, del
     assert np.nanmax(np.abs(windows.y - found)[..., column]) < 0.004
 
 
+def test_of_a_joint_that_is_not_logged_nothing_is_summed_up(tmp_path: Path) -> None:
+    """Not even what a delay holds back."""
+    robot = robot_of(tmp_path, arm_xml())
+    t = PERIOD * np.arange(300)
+    columns = {"command.j1": 1.0 + 0.0 * t, "command.j2": 0.0 * t, "position.j2": 0.1 * np.sin(t)}
+    windows = build_dataset([Run("run", t, columns)], [robot], {})
+    late = {**on("j1", 2.5), ("command_delay", None, "delay"): 0.1}
+    drive, start = windows.blocks[0].drive, {c: np.zeros(windows.count) for c in ("position.j1", "velocity.j1")}
+    start |= {"position.j2": np.zeros(windows.count), "velocity.j2": np.zeros(windows.count)}
+    settings = settings_of(robot, *[late] * windows.count)
+    with_it = robot.replay(start, drive, settings, ("position.j1",))["position.j1"]
+    none = robot.replay(start, replace(drive, past=None), settings, ("position.j1",))["position.j1"]
+    assert drive.past is not None and not drive.past.known[:, 0].any() and drive.past.known[:, 1].all()
+    assert np.abs(with_it - none).max() < 0.03  # none: what holds the start's positions
+    nothing = replace(drive, command=drive.command[:, : drive.lead])
+    assert robot.replay(start, nothing, settings, ("position.j1",))["position.j1"].shape == (windows.count, 1)
+
+
 def test_off_it_forgets(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, arm_xml())
     t = PERIOD * np.arange(500)

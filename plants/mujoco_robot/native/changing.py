@@ -136,9 +136,9 @@ class Rewriting:
                 continue
             length = actuator.gear * (q[actuator.joint] + (q[behind[i]] if i in behind else 0.0))
             if c.integral is not None:
-                value, low, high, ease = (self._load(c.added + INTEGRAL * i + k) for k in range(INTEGRAL))
+                value, low, high, derivative_time = (self._load(c.added + INTEGRAL * i + k) for k in range(INTEGRAL))
                 after = _step(c.integral)(ops, self._of(c.integral, i), value, u - length, dt)
-                damped = ease * (actuator.gear * v[actuator.joint])
+                damped = derivative_time * (actuator.gear * v[actuator.joint])
                 after = held_integral(ops, value, after, u - length, damped, low, high)
                 switched = on[i]
                 if switched is not None:

@@ -179,7 +179,7 @@ def _changing(
     if integrals is not None:
         made["integral"] = columns.of(integrals.effect, integrals.p, range(nu))
         ends = (np.clip(x, -REACH, REACH) for x in (integrals.low, integrals.high))
-        numbers = np.stack([integrals.value, *ends, integrals.ease], axis=2)
+        numbers = np.stack([integrals.value, *ends, integrals.derivative_time], axis=2)
         made["added"] = columns.add(*numbers.reshape(len(drive.clock), -1).T)
     changing = Changing(len(columns.columns), **made)
     return changing if servos is None else _with_links(changing, robot, servos, columns)

@@ -137,7 +137,7 @@ def _replay(
     if robot.gears is not None or integral:
         for update in between:
             update(0, batch.bind("qvel")[:, robot.dofs], np.zeros((settings.rows, model.nu)))
-    integrals = begin_integrals(batch, robot, settings, drive, u[:, 0]) if integral else None
+    integrals = begin_integrals(batch, robot, settings, drive, u[:, 0] if drive.steps else None) if integral else None
     if robot.gears is not None:
         before = before if integrals is None else before + integrals.value[:, None]
         begin(batch, robot, settings, before, warm, servos)

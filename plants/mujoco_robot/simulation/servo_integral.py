@@ -22,14 +22,14 @@ SETTLING = 15.0  # s for which the servos are taken to have worked before a run 
 @dataclass(frozen=True, eq=False)
 class ServoIntegrals:
     """effect, p: with parameters (B, nu), null at other actuators. low, high (B, nu): limits of the force over the
-    servo's stiffness, command unit; ease (B, nu): its damping over its stiffness, s. enabled (B, K, nu) or None: an
-    actuator that is off forgets. value (B, nu): added now, command unit; changed in place."""
+    servo's stiffness, command unit; derivative_time (B, nu): its damping over its stiffness, s. enabled (B, K, nu) or
+    None: an actuator that is off forgets. value (B, nu): added now, command unit; changed in place."""
 
     effect: Effect
     p: Values
     low: np.ndarray
     high: np.ndarray
-    ease: np.ndarray
+    derivative_time: np.ndarray
     enabled: np.ndarray | None
     value: np.ndarray
 
@@ -39,7 +39,7 @@ class ServoIntegrals:
         assert self.effect.step is not None
         out, error = u + self.value, u - length
         after = self.effect.step(NUMPY, self.p, self.value, error, dt)
-        after = held_integral(NUMPY, self.value, after, error, self.ease * speed, self.low, self.high)
+        after = held_integral(NUMPY, self.value, after, error, self.derivative_time * speed, self.low, self.high)
         self.value[:] = after if self.enabled is None else after * (self.enabled[:, k] > 0)
         return out
 
@@ -71,7 +71,7 @@ def begin_integrals(
     low, high = (np.where(limited, reach[:, :, side] / stiff, end) for side, end in ((0, -np.inf), (1, np.inf)))
     rate, past, gear = p["gain"], drive.past, robot.model.actuator_gear[:, 0]
     bias = batch.expand("actuator_biasprm")[:, :, 2]  # less than 0 where a servo damps
-    ease = -bias / stiff
+    derivative_time = -bias / stiff
     borne = compensation_of(robot, settings, drive.setting)
     if past is None:
         at = batch.bind("qpos")[:, robot.places[robot.driven]].copy()
@@ -81,23 +81,23 @@ def begin_integrals(
         first = needed / stiff - (past.first_sent - gear * past.first_at)
         first = (1.0 - np.exp(-SETTLING * rate)) * (first - rate * (past.early_sent - gear * past.early_turned))
         arrived = past.sent - _held_back(settings, drive, past, setpoint)
-        value = past.whole * first + rate * (arrived - gear * past.turned)
+        value = past.known * (past.whole * first + rate * (arrived - gear * past.turned))
     if past is None or setpoint is None:
         value = np.clip(value, low, high)
     else:
         q, v = batch.bind("qpos")[:, robot.places[robot.driven]], batch.bind("qvel")[:, robot.dofs[robot.driven]]
         nothing = np.zeros_like(value)
-        value = held_integral(NUMPY, nothing, value, setpoint - gear * q, ease * gear * v, low, high)
+        value = held_integral(NUMPY, nothing, value, setpoint - gear * q, derivative_time * gear * v, low, high)
     value = np.where(rate > 0.0, value, 0.0)
     if drive.enabled is not None and drive.steps:
         value = value * (drive.enabled[:, 0] > 0)
-    return ServoIntegrals(effect, p, low, high, ease, drive.enabled, value)
+    return ServoIntegrals(effect, p, low, high, derivative_time, drive.enabled, value)
 
 
 def _held_back(settings: Settings, drive: Drive, past: PastErrors, setpoint: np.ndarray | None) -> np.ndarray | float:
-    """(B, nu) command unit s by which the integral of what reached the servos lags behind that of the commands: what a
-    dead time D still holds, the integral over the last D, and what a lag T does, T times its output, less what both
-    held at the beginning."""
+    """(B, nu) command unit s: how far the integral of the setpoint lags behind that of the command. A dead time D still
+    holds the integral over the last D, a lag T holds T times its output; less what both held at the beginning. Commands
+    that act before their stamps count as in time."""
     delay, lag = changes(settings.effects, "command delay"), changes(settings.effects, "command lag")
     if setpoint is None or (delay is None and lag is None):
         return 0.0

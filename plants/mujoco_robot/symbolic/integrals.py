@@ -56,7 +56,7 @@ class Integrals:
             x = self._stepped(i, before, error, p, self.dt)
             low, high = torques.integral_range(i, p, clock)
             if low is not None:
-                damped = torques.ease(i, p) * self._speed(i, q)
+                damped = torques.derivative_time(i, p) * self._speed(i, q)
                 x = held_integral(kinks.exact, before, x, error, damped, low, high)
             out[self._state(a)] = x
         return out

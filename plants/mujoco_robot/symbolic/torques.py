@@ -82,7 +82,7 @@ class JointTorques:
         stiff = law * self._position_gain(i, p)
         return (None, None) if low is None else (low / stiff, high / stiff)
 
-    def ease(self, i: int, p: Sequence[Any]) -> Any:
+    def derivative_time(self, i: int, p: Sequence[Any]) -> Any:
         """A position servo's damping over its stiffness, s."""
         return self._velocity_gain(i, p) / self._position_gain(i, p)
 

@@ -30,8 +30,8 @@ class Timed(Protocol):
 @dataclass(frozen=True)
 class Part:
     """where: in which stretches of the runs the effect acts; rest: in which it does not. What lies in neither is not
-    known, such as the windows across the instant at which it begins. used: from and to, s, of windows of each run that
-    have told this of held-out runs, and lie in neither."""
+    known, such as the windows across the instant at which it begins. used: from and to, s, of the windows that were
+    used to decide this for held-out runs; they lie in neither."""
 
     where: Spans
     rest: Spans

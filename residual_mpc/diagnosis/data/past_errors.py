@@ -69,5 +69,5 @@ def _of_one(run: Run, actuator: str, start: np.ndarray, signal: Signal) -> np.nd
         np.mean(u[first]), np.mean(q[first]), (q[first][-1] - q[first][0]) / max(t[first][-1] - t[0], 1e-9),
         np.mean(sent[first]), np.mean(turned[first]),
     ])  # fmt: skip
-    since_then = [until(sent), until(turned), whole, u[begin]]
+    since_then = [np.ones(len(start)), until(sent), until(turned), whole, u[begin]]
     return np.concatenate([since_then, np.repeat(early[:, None], len(start), axis=1)])

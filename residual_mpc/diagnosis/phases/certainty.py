@@ -1,4 +1,4 @@
-"""How sure each named effect is, whatever else might stand in its place."""
+"""The probability of each named effect, leaving its rivals aside."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ from residual_mpc.models.settings import Term
 
 @dataclass(frozen=True)
 class Certainty:
-    """Of each named effect. sure: its probability without a rival and without doubt; weak, doubt: factors on that, for
-    its support alone and for all that speaks against it; varying: how the sizes vary for which the fit does not
-    account."""
+    """Of each named effect. sure: its probability without a rival and without doubt; weak: a factor on that for its
+    support alone; doubt: for all that speaks against it, weak included; varying: how the sizes vary for which the fit
+    does not account."""
 
     sure: Mapping[Term, float]
     weak: Mapping[Term, float]

@@ -87,9 +87,9 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     varying = {**varying, **{t: _with(varying.get(t), v) for t, v in of.in_parts.items()}}
     looked_at: tuple[Candidate, ...] = ()
     if helps:
-        sure = shared(certainty.sure, groups)
-        looked_at = candidates(of.rivalry, of.base, final, sure, of.left_out, every_doubt)
-        looked_at = as_named(looked_at, causes, of.unlikely)
+        sure = {**shared(certainty.sure, groups), **of.unlikely}
+        refuted = (*of.vetoed, *of.doubtful)
+        looked_at = as_named(candidates(of.rivalry, of.base, final, sure, refuted, every_doubt), causes)
     if verdict == "effects" and not validated.judged.told and not _likely(causes, looked_at, groups):
         verdict = "partial"  # a gap that is small anyway confirms nothing
     run, unlike = validated.odd, validated.unlike.document(of.raw.horizon)
@@ -156,12 +156,9 @@ def _likely(causes: Sequence[Cause], looked_at: Sequence[Candidate], groups: Seq
     return any(x >= LIKELY for x in sums)
 
 
-def as_named(
-    looked_at: Sequence[Candidate], causes: Sequence[Cause], unlikely: Mapping[Term, float]
-) -> tuple[Candidate, ...]:
-    """The candidates, ranked; a named one has the probability of its cause, which a doubtful number lowers, and one
-    that was left out as unlikely has its own."""
-    named = {**unlikely, **{c.term: c.probability for c in causes}}
+def as_named(looked_at: Sequence[Candidate], causes: Sequence[Cause]) -> tuple[Candidate, ...]:
+    """The candidates, ranked; a named one has the probability of its cause, which a doubtful number lowers."""
+    named = {c.term: c.probability for c in causes}
     out = (replace(c, probability=named.get(c.term, c.probability)) for c in looked_at)
     return tuple(sorted(out, key=lambda c: -c.probability))
 

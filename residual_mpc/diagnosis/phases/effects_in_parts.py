@@ -19,7 +19,7 @@ from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.phases.refine import Refined, refine
 from residual_mpc.diagnosis.phases.regroup import in_their_place, regrouped, still_judged
 from residual_mpc.diagnosis.phases.remaining import Finish, better, compared, of_a_part, window_errors
-from residual_mpc.diagnosis.phases.search import search_effects
+from residual_mpc.diagnosis.phases.search import search_effects, search_headline, searched_share
 from residual_mpc.diagnosis.phases.set_aside import with_fits_on
 from residual_mpc.diagnosis.phases.splits import Split, sharpened, splits, timeline_of, with_held_runs
 from residual_mpc.diagnosis.predict.problem import build_problem
@@ -67,9 +67,14 @@ class _Inside:
 
 
 def _within_part(prepared: Prepared, split: Split, rng: np.random.Generator, progress: Progress) -> _Inside | None:
-    """What a search in the part alone finds; None where no effect of it is absent from the rest."""
+    """What a search in the part alone finds; None where no effect of it is absent from the rest, already before longer
+    horizons and rivals are looked at."""
     settings = prepared.options.settings
-    searched = search_effects(with_fits_on(prepared, split.part.inside), rng, progress)
+    inside = with_fits_on(prepared, split.part.inside)
+    first = search_headline(inside, rng, lambda stage, done: progress(stage, searched_share(done)))
+    if not _absent(prepared, first.fit.values, split.part, settings.parts):
+        return None
+    searched = search_effects(inside, rng, progress, found=first)
     values = refine(searched, rng, progress).explanation.final.values
     absent = _absent(prepared, values, split.part, settings.parts)
     if not absent:
@@ -132,7 +137,8 @@ def _sharpened(prepared: Prepared, values: Values, absent: Sequence[Term], split
     split = sharpened(timeline, split, inside, outside, settings=prepared.options.settings.parts)
     timeline, order = timeline_of(prepared.clean)
     inside, outside = errors(prepared.clean, order)
-    return with_held_runs(timeline, split, prepared.free[order], inside, outside)
+    settings = prepared.options.settings.parts
+    return with_held_runs(timeline, split, prepared.free[order], inside, outside, settings)
 
 
 def _absent(prepared: Prepared, values: Values, part: Part, settings: PartSettings) -> tuple[Term, ...]:

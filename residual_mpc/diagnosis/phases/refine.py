@@ -1,4 +1,4 @@
-"""The third phase: what the search found is fitted to the end and questioned, before anything is opened."""
+"""The third phase: what the search found is fitted to the end and questioned, on windows that fits may see."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -83,7 +83,8 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
 
 
 def refined_without(refined: Refined, gone: Sequence[Term], rng: np.random.Generator) -> Refined:
-    """The explanation less these effects, fitted again from where it was."""
+    """The explanation less these effects, fitted again from where it was. The shrink expected of it stays as it was
+    stated before the held-out windows were opened."""
     of, prepared = refined.explanation, refined.prepared
     fewer = of.final.values
     for term in gone:
@@ -96,6 +97,7 @@ def refined_without(refined: Refined, gone: Sequence[Term], rng: np.random.Gener
         now,
         vetoed=(*of.vetoed, *now.vetoed),
         doubtful=(*of.doubtful, *now.doubtful),
+        expected=of.expected,
         aside=of.aside,
         serving=of.serving,
         in_parts={t: v for t, v in of.in_parts.items() if t in terms},

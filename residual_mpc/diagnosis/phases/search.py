@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -53,15 +54,22 @@ class Searched:
 
 
 def search_effects(
-    prepared: Prepared, rng: np.random.Generator, progress: Progress, keep: Keep = at_once, told: Told = unheard
+    prepared: Prepared,
+    rng: np.random.Generator,
+    progress: Progress,
+    keep: Keep = at_once,
+    told: Told = unheard,
+    found: Found | None = None,
 ) -> Searched:
-    """Search the headline's horizon, then each longer one for what it adds; then compare with rival explanations."""
+    """Search the headline's horizon, then each longer one for what it adds; then compare with rival explanations.
+    found: what the search of the headline's horizon found, if that was done before."""
     progress("searching for effects", 0.05)
     options, settings = prepared.options, prepared.options.settings
     windows, behind = [prepared.headline], 0.42
-    found = first = keep(
-        "headline", lambda: search_headline(prepared, rng, lambda text, done: progress(text, searched(done)), told)
-    )
+    if found is None:
+        on = partial(search_headline, prepared, rng, lambda text, done: progress(text, searched_share(done)), told)
+        found = keep("headline", on)
+    first = found
     for look in prepared.longer:
         if look.free is None:
             continue
@@ -159,7 +167,7 @@ def _finished(
     return found, rivalry
 
 
-def searched(done: float) -> float:
+def searched_share(done: float) -> float:
     """The share of a diagnosis that is behind as its first search goes on. done: effects found so far over the most
     that it looks for, 1 where it tests them. This and the other shares are medians of processor time over 20 robots."""
     return min(0.08 + 0.45 * done, 0.28)

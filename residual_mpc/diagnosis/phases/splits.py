@@ -98,37 +98,66 @@ def sharpened(line: Timeline, split: Split, inside: np.ndarray, outside: np.ndar
     return next(iter(_at(line, n, split.begins, *lost)), split)
 
 
-def with_held_runs(line: Timeline, split: Split, free: np.ndarray, inside: np.ndarray, outside: np.ndarray) -> Split:
+def with_held_runs(
+    line: Timeline, split: Split, free: np.ndarray, inside: np.ndarray, outside: np.ndarray, settings: PartSettings
+) -> Split:
     """The split with the runs of which no fit has seen any window, free (W,) bool, and of which it is not known whether
-    they lie in the part: by the squared errors (W,) of every other window, which is then no longer judged. In a run
-    between the two sides the effects may begin or end."""
-    part, known = split.part, sorted({*split.part.where, *split.part.rest})
-    for i in np.unique(line.run):
-        mine = np.flatnonzero(line.run == i)
-        told = (part.inside(line) | part.outside(line))[mine]
-        if free[mine].any() or told.any() or len(mine) < 2:
-            continue
-        used = mine[::2]
-        gain = outside[used] - inside[used]  # by the effects
-        spans = [(float(line.start[k]), float(line.start[k] + line.horizon)) for k in used]
-        sides = [[j for j in known if (j in split.part.where) == acts] for acts in (split.begins, not split.begins)]
-        between = split.at is not None and max(sides[1]) < i < min(sides[0])
-        part = part.with_run(int(i), *_acting(gain, spans, split.begins, between), spans)
+    they lie in the part.
+
+    The squared errors (W,) in the first half of a run decide. In runs between the two sides of an instant, those of
+    every other window do: the effects may begin or end there. Windows that were used for this are not judged.
+    """
+    part, held = split.part, [int(i) for i in np.unique(line.run) if _is_unknown(line, split.part, free, int(i))]
+    early, late = (part.rest, part.where) if split.begins else (part.where, part.rest)
+    between = [i for i in held if split.at is not None and max(early) < i < min(late)]
+    used = {i: _used(np.flatnonzero(line.run == i), i in between) for i in held}
+    spans = {i: [(float(line.start[k]), float(line.start[k] + line.horizon)) for k in used[i]] for i in held}
+    gain = {i: outside[used[i]] - inside[used[i]] for i in held}  # by the effects
+    for i in (i for i in held if i not in between):
+        acts = bool(gain[i].sum() > 0.0)
+        part = part.with_run(i, WHOLE if acts else None, None if acts else WHOLE, spans[i])
+    if between:
+        cut = _cut([gain[i] for i in between], split.begins, settings)
+        for i in between:
+            k = int(np.clip(cut, 0, len(spans[i])))
+            cut -= len(spans[i])
+            first, then = _cut_at(spans[i], k)
+            where, rest = (then, first) if split.begins else (first, then)
+            part = part.with_run(i, where, rest, spans[i])
     return replace(split, part=part)
 
 
-def _acting(gain: np.ndarray, spans: Sequence[Span], begins: bool, between: bool) -> tuple[Span | None, Span | None]:
-    """From and to, s, where effects act in a run and where they do not, by what they gain (n,) in each of these spans:
-    all along or nowhere, or in a run between the sides of an instant maybe from or up to one."""
-    whole = float(gain.sum())
-    if between:
-        early = np.cumsum(gain)[:-1]
-        saved = whole - early if begins else early
-        k = int(np.argmax(saved))
-        if saved[k] > max(whole, 0.0):
-            first, then = (-np.inf, spans[k][1]), (spans[k + 1][0], np.inf)
-            return (then, first) if begins else (first, then)
-    return (WHOLE, None) if whole > 0.0 else (None, WHOLE)
+def _is_unknown(line: Timeline, part: Part, free: np.ndarray, run: int) -> bool:
+    """Whether no fit has seen any window of a run of at least two, and the part does not say whether it lies in it."""
+    mine = line.run == run
+    told = part.inside(line) | part.outside(line)
+    return int(mine.sum()) >= 2 and not (free | told)[mine].any()
+
+
+def _used(mine: np.ndarray, between: bool) -> np.ndarray:
+    """The windows of a held-out run (n,) that decide where it lies."""
+    return mine[::2] if between else mine[: len(mine) // 2]
+
+
+def _cut(gains: Sequence[np.ndarray], begins: bool, settings: PartSettings) -> int:
+    """Before which of the windows of some runs, one after the other, the effects begin or end, by what they gain in
+    each; before the first or after the last unless another instant is clearly better."""
+    gain = np.concatenate(gains)
+    early = np.concatenate([[0.0], np.cumsum(gain)])
+    saved = early[-1] - early if begins else early
+    k = int(np.argmax(saved))
+    ends = max(saved[0], saved[-1])
+    clear = saved[k] - ends > settings.dated * float(np.sqrt(np.sum(gain**2)))
+    return k if clear else (0 if saved[0] >= saved[-1] else len(gain))
+
+
+def _cut_at(spans: Sequence[Span], k: int) -> tuple[Span | None, Span | None]:
+    """From and to, s, before and after the window k of a run; None for a side that the run does not reach."""
+    if k == 0:
+        return None, WHOLE
+    if k == len(spans):
+        return WHOLE, None
+    return (-np.inf, spans[k - 1][1]), (spans[k][0], np.inf)
 
 
 def _at(line: Timeline, n: int, begins: bool, lost_before: int = 0, lost_after: int = 0) -> list[Split]:

@@ -1,7 +1,7 @@
-"""Effects that are likelier absent than present leave the explanation where it does as well without them.
+"""Drops effects that are more likely absent than present if the explanation does about as well without them.
 
-An effect may fit better beyond doubt and still be no cause: it makes up for what the law of another one lacks, rests on
-one run, or may do nothing by its own interval. Where several of these doubts meet, naming it misleads.
+An effect may fit better beyond doubt and still be no cause: it compensates for an error in another effect's law, rests
+on one run, or may do nothing by its own interval. Where several of these doubts apply, naming it misleads.
 """
 
 from collections.abc import Mapping
@@ -15,21 +15,20 @@ from residual_mpc.diagnosis.phases.refine import Refined, refined_without
 from residual_mpc.diagnosis.phases.validate import Validated, validate
 from residual_mpc.diagnosis.results.causes import doubts_by_numbers
 from residual_mpc.diagnosis.results.settings import ResultSettings
-from residual_mpc.diagnosis.results.verdict import deciding
+from residual_mpc.diagnosis.results.verdict import HorizonGaps, deciding
 from residual_mpc.models.settings import Term
-
-TELLING = 3  # members of the largest group that still says what is there
 
 
 def without_unlikely(
     refined: Refined, validated: Validated, rng: np.random.Generator, progress: Progress
 ) -> tuple[Refined, Validated]:
-    """The explanation less the effects that are unlikely, all at once or the least likely alone, as long as the verdict
-    stays and the gap hardly rises."""
-    while True:
+    """The explanation less the effects that are unlikely, all at once or else the least likely one, as long as the
+    verdict stays and the gap hardly rises. The held-out windows choose between the sets, so that nothing is left out
+    without any."""
+    while refined.explanation.held.any():
         unlikely = _unlikely(validated)
-        for gone in _fewer(unlikely):
-            progress("leaving out unlikely effects", 0.7)
+        for gone in _tried(unlikely):
+            progress("leaving out unlikely effects", 0.67)
             less = refined_without(refined, tuple(gone), rng.spawn(1)[0])
             left_out = {**refined.explanation.unlikely, **gone}
             less = replace(less, explanation=replace(less.explanation, unlikely=left_out))
@@ -38,42 +37,51 @@ def without_unlikely(
                 refined, validated = less, now
                 break
         else:
-            return refined, validated
+            break
+    return refined, validated
 
 
-def _fewer(unlikely: Mapping[Term, float]) -> list[Mapping[Term, float]]:
-    """What is tried: without all of them, and without the least likely one."""
-    if not unlikely:
-        return []
+def _tried(unlikely: Mapping[Term, float]) -> list[Mapping[Term, float]]:
+    """What is left out in turn: all of them, then the least likely one alone."""
+    if len(unlikely) < 2:
+        return [unlikely] if unlikely else []
     least = min(unlikely, key=lambda t: unlikely[t])
-    return [unlikely, {least: unlikely[least]}][: len(unlikely)]
+    return [unlikely, {least: unlikely[least]}]
 
 
 def _unlikely(validated: Validated) -> dict[Term, float]:
-    """The effects that are unlikely, each with its probability: whatever else might stand in their place, unless that
-    is so much that the place says nothing. What acts in a part of the runs has been compared with doing so always."""
+    """The effects that are unlikely, each with its probability before it is shared among rivals, except in groups too
+    large to say anything. Effects in a part of the runs are exempt: they were compared with effects that always act."""
     of, settings = validated.explanation, validated.options.settings
     if not validated.gaps.helps:
         return {}
     found = certainty_of(validated, None)
     by_number = doubts_by_numbers(of, validated.judged.verdict[1], found.varying, settings=settings)
-    vague = {t for g in of.rivalry.groups if len(g) > TELLING for m in g for t in m}
+    vague = {t for g in of.rivalry.groups if len(g) > settings.causes.telling for m in g for t in m}
     out = {}
     for term, factor in by_number.items():
+        p = found.sure[term] * found.doubt[term] * factor
         share = of.rivalry.shares.get(term, 1.0) if term in vague else 1.0
-        p = found.sure[term] * found.doubt[term] * factor * share
-        if p < settings.causes.unlikely and term not in of.run_sizes and term not in of.in_parts:
+        if p * share < settings.causes.unlikely and term not in of.run_sizes and term not in of.in_parts:
             out[term] = p
     return out
 
 
-def _as_good(before: Validated, now: Validated, settings: ResultSettings) -> bool:
+def _as_good(was: Validated, now: Validated, settings: ResultSettings) -> bool:
     """Whether an explanation does as well with fewer effects: its verdict is the same, and over each horizon the
-    squared gap rises by a small share of what it was before any effect."""
-    if now.verdict != before.verdict or not now.gaps.helps:
+    squared gap rises by a small share of its initial excess over the floor."""
+    if now.verdict != was.verdict or not now.gaps.helps:
         return False
-    looks = zip(deciding(before.judged.looks), deciding(now.judged.looks), strict=False)
-    return all(
-        b.steady.total**2 - a.steady.total**2 <= settings.causes.little * max(a.before.total**2 - a.floor.total**2, 0.0)
-        for a, b in looks
+    before, after = ({x.horizon: x for x in deciding(v.judged.looks)} for v in (was, now))
+    return before.keys() == after.keys() and all(
+        _rise(x, after[h]) <= settings.causes.little for h, x in before.items()
     )
+
+
+def _rise(was: HorizonGaps, now: HorizonGaps) -> float:
+    """Of the squared gap over one horizon, as a share of its initial excess over the floor, or of the squared floor if
+    that is more. Without a memory in the explanation, the first windows of a run with an unknown past count as well."""
+    same = was.unjudged == now.unjudged
+    left, more = (x.steady.total if same else x.after.total for x in (was, now))
+    excess = max(was.before.total**2 - was.floor.total**2, was.floor.total**2, 1e-12)
+    return float((more**2 - left**2) / excess)

@@ -8,7 +8,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import per_window
-from residual_mpc.diagnosis.data.left_out import across, unfit
+from residual_mpc.diagnosis.data.left_out import SLACK, across, unfit
 from residual_mpc.diagnosis.data.stale import any_slow
 from residual_mpc.diagnosis.data.unknown_past import after_unknown_past, has_memory, runs_with_unknown_past
 from residual_mpc.diagnosis.options import Options, Progress
@@ -81,7 +81,7 @@ class Validated:
 
 
 def validate(refined: Refined, rng: np.random.Generator, progress: Progress) -> Validated:
-    """From here on nothing is fitted to change the explanation."""
+    """From here on nothing is added to the explanation."""
     progress("evaluating on the held-out windows", 0.67)
     options, longer, settings = refined.options, refined.longer, refined.options.settings
     measure = partial(measure_gaps, steps=options.final_steps, rng=rng, settings=settings)
@@ -91,9 +91,9 @@ def validate(refined: Refined, rng: np.random.Generator, progress: Progress) -> 
         fresh = measure(judged, seen)
     gaps = measure(refined.explanation, longer, judged=fresh)
     odd, unlike = one_run(fresh or gaps), _unlike(fresh or gaps, settings)
-    spoilt = _spoilt_starts(gaps.of.raw, unlike)
-    if spoilt.any() and gaps.helps:
-        measure = partial(measure, spoilt=spoilt)
+    unknown = _unknown_starts(gaps.of)
+    if unknown.any() and gaps.helps:
+        measure = partial(measure, unknown_starts=unknown)
         fresh = None if fresh is None else measure(judged, seen)
         gaps = measure(refined.explanation, longer, judged=fresh)
     if odd is not None and gaps.helps and makes_the_odd_run((fresh or gaps).of, settings):
@@ -130,11 +130,11 @@ def _unlike(gaps: ExplanationGaps, settings: ResultSettings) -> Unlike:
     return Unlike(stretches, float(np.nanmax(left[there])), float(np.nanmedian(left)), of.serving)
 
 
-def _spoilt_starts(data: Dataset, unlike: Unlike) -> np.ndarray:
-    """(R,) bool: the runs that begin with a stretch that is unlike everything else: what was sent before the first
-    stamp may still have acted there."""
-    begins = {(k.run, k.start) for k in unlike.stretches}
-    return np.array([(run.name, float(run.t[0])) in begins for run in data.runs])
+def _unknown_starts(of: FittedExplanation) -> np.ndarray:
+    """(R,) bool: the runs that begin with a stretch that is unlike everything else in the windows that fits may see:
+    earlier commands may still act there."""
+    begins = [(k.run, k.start) for k in of.aside if k.start is not None]
+    return np.array([any(name == r.name and t <= r.t[0] + SLACK for name, t in begins) for r in of.raw.runs])
 
 
 def _usual(data: Dataset, odd: OddRun | None, unlike: Unlike) -> np.ndarray:

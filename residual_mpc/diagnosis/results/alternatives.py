@@ -52,10 +52,14 @@ def rival_sets(rivalry: Rivalry, gone: Collection[Term] = ()) -> tuple[RivalSet,
     of several groups stand in any combination, with the product of their weights. gone: effects that are left out of
     all of them."""
 
-    def less(terms: EffectSet) -> EffectSet:
-        return tuple(t for t in terms if t not in gone)
+    lost = set(gone)
+    for r in (r for r in rivalry.rivals if r.alike):  # the search may have found another member of a group
+        lost |= {*r.gone, *r.came} if lost & {*r.gone, *r.came} else set()
 
-    found, rivals = less(rivalry.as_found.terms), [r for r in rivalry.rivals if not set(r.gone) & set(gone)]
+    def less(terms: EffectSet) -> EffectSet:
+        return tuple(t for t in terms if t not in lost)
+
+    found, rivals = less(rivalry.as_found.terms), [r for r in rivalry.rivals if not lost & {*r.gone, *r.came}]
     weights: dict[EffectSet, float] = {found: 1.0}
     for r in rivals:
         weights[less(r.fit.terms)] = max(weights.get(less(r.fit.terms), 0.0), _weight(r))

@@ -141,7 +141,7 @@ def notes(
         )
     if found.helps and of.unlikely:
         said.append(
-            f"Not named since unlikely, although the gap would be a little smaller: {', '.join(map(str, of.unlikely))}."
+            f"Left out as unlikely, since the model is hardly better with it: {', '.join(map(str, of.unlikely))}."
         )
     if of.vetoed:
         said.append(
@@ -153,8 +153,9 @@ def notes(
         if look.unjudged and (look.decides or look is not first):
             some = "1 window" if look.unjudged == 1 else f"{look.unjudged} windows"
             begin, count = ("begins", "It counts") if look.unjudged == 1 else ("begin", "They count")
+            why = "already in motion, under load or unlike the rest"
             said.append(
-                f"{some} of {look.horizon:g} s {begin} at the start of a run that is already in motion or under load: "
+                f"{some} of {look.horizon:g} s {begin} at the start of a run that is {why}: "
                 f"what was sent before the first stamp is unknown. {count} in the gap, and not in the verdict."
             )
     for look in deciding(found.looks)[1:] if found.helps else ():

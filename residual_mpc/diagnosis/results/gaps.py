@@ -154,11 +154,11 @@ def measure_gaps(
     rng: np.random.Generator,
     settings: ResultSettings,
     judged: ExplanationGaps | None = None,
-    spoilt: np.ndarray | None = None,
+    unknown_starts: np.ndarray | None = None,
 ) -> ExplanationGaps:
     """Opens the held-out windows. steps: see `floor_draws`; judged: the gaps of the new readings of slow sensors, which
-    say whether there is a gap and what helps; spoilt (R,) bool: further runs at whose start something acts that was
-    sent before."""
+    say whether there is a gap and what helps; unknown_starts (R,) bool: further runs at whose start earlier commands
+    may still act."""
     rows = of.space.settings([{}, of.base.values, of.final.values])
     nominal, before, _ = predict(of.raw, rows)
     after = predict(of.after_data, rows)[2]
@@ -179,7 +179,7 @@ def measure_gaps(
     floor = floor_under(seen, scales, floors, test, settings=settings.predict)
     everywhere = floor_under(seen, scales, floors, np.ones(seen.count), settings=settings.predict)
     unknown = runs_with_unknown_past(of.clean, settings.data.unknown_past)
-    unknown = (unknown if spoilt is None else unknown | spoilt) & has_memory(row)
+    unknown = (unknown if unknown_starts is None else unknown | unknown_starts) & has_memory(row)
     looks = [_look(raw, scales, errors, test, bool(of.held.any()), floor, unknown, settings=settings)]
     # outliers count as a gap if they are named, or if their effect is excluded
     jumps = of.unnamed_outliers or (of.with_outliers and helps)

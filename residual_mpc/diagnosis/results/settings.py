@@ -30,8 +30,9 @@ class CauseSettings:
     minor: share of what another effect predicts of the motion, below which `resting` counts for that. apart:
     half-widths beyond which an interval is that wide since two fits end apart. fewest_runs: from which their
     disagreement widens intervals; agree: how often runs that agree do so too; contributing: share of the runs that a
-    number has to depend on for that. unlikely: probability without a rival below which an effect is left out where the
-    squared gap then rises by no more than the share `little` of what it was before any effect."""
+    number has to depend on for that. unlikely: probability before it is shared among rivals, below which an effect is
+    left out if the squared gap then rises by at most the share `little` of its initial excess over the floor; telling:
+    members of the largest group that still tells what is there."""
 
     form: float = 0.5
     law: float = 0.03
@@ -54,12 +55,13 @@ class CauseSettings:
     contributing: float = 0.35
     unlikely: float = 0.3
     little: float = 0.01
+    telling: int = 3
 
     def __post_init__(self) -> None:
         check_share(self, "form", "law", "order", "most_sure", "most_partial", "shadow", "least_sure", "useful",
                     "coarse", "resting", "beside", "doubtful", "minor", "agree", "contributing",
                     "unlikely", "little")  # fmt: skip
-        check_positive(self, "apart", "fewest_runs", "standing_low")
+        check_positive(self, "apart", "fewest_runs", "standing_low", "telling")
         if not self.standing_high > self.standing_low:
             raise ValueError(f"CauseSettings.standing_high must be > standing_low, got {self.standing_high}")
 
@@ -145,7 +147,9 @@ class PartSettings:
     stretches of time in which the two differ by more than the share `alike` of what is usually left. sized: factor on
     the probability of an effect with its own size in each run: another law may make it. stretches: fewest of these;
     sizes_tried: of a held-out run, over the range of the others' sizes and the share `wider` of it on either side;
-    crossing: times the usual squared error of a window, from which one next to the instant lies across it."""
+    crossing: times the usual squared error of a window, from which one next to the instant lies across it; dated:
+    standard deviations of what the effects gain in so many windows by chance, by which an instant in a held-out run has
+    to be better than its ends."""
 
     over_floor: float = 1.5
     fewest: int = 5
@@ -162,10 +166,11 @@ class PartSettings:
     sizes_tried: int = 9
     wider: float = 0.5
     crossing: float = 4.0
+    dated: float = 1.25
 
     def __post_init__(self) -> None:
         check_positive(self, "over_floor", "fewest", "times", "beyond_doubt", "tried", "most", "as_good", "told",
-                       "stretches", "sizes_tried", "wider", "crossing")  # fmt: skip
+                       "stretches", "sizes_tried", "wider", "crossing", "dated")  # fmt: skip
         check_share(self, "smaller", "alike", "sized")
 
 

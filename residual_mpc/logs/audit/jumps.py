@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from residual_mpc.logs.audit.facts import RobotFacts
-from residual_mpc.logs.columns import group
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.jumps import Jumps, find_jumps, spikes
 from residual_mpc.logs.run import Run
@@ -25,24 +24,25 @@ FOLLOWS = 2  # samples within which a speed follows its command
 def check_jumps(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
     """Every column that the robot has over all runs, and the stamps of each run by all its columns."""
     names = dict.fromkeys(name for run in runs for name in run.measured if name in robot.channels)
-    curves = [{n: continuous(n, run.columns[n]) for n in names if n in run.measured} for run in runs]
-    found = [
-        {n: _beside_commands(run, find_jumps(run.t, y, noise_sigma(run.t, y))) for n, y in mine.items()}
-        for run, mine in zip(runs, curves, strict=True)
-    ]
-    spikes = [finding for name in names for finding in _spikes(name, runs, found)]
-    return spikes + [finding for run, jumps in zip(runs, found, strict=True) for finding in _late(run, jumps)]
+    found = [_jumps_of(run, [n for n in names if n in run.measured], robot) for run in runs]
+    findings = [finding for name in names for finding in _spikes(name, runs, found)]
+    return findings + [finding for run, jumps in zip(runs, found, strict=True) for finding in _late(run, jumps)]
 
 
-def _beside_commands(run: Run, jumps: Jumps) -> Jumps:
-    """Without what follows a command that jumps away and comes back itself."""
-    if not jumps.outlier.any():
-        return jumps
-    commanded = np.zeros(len(run.t), dtype=bool)
-    for name in (c for c in run.columns if group(c) == "command"):
-        for row in np.flatnonzero(spikes(run.t, run.columns[name], 0.0)):
-            commanded[row : row + FOLLOWS + 1] = True
-    return replace(jumps, outlier=jumps.outlier & ~commanded)
+def _jumps_of(run: Run, names: Sequence[str], robot: RobotFacts) -> dict[str, Jumps]:
+    """The jumps of these columns, without outliers of a speed that follow a short pulse of its own command."""
+    drives = {f"velocity.{a.joint}": f"command.{a.name}" for a in robot.actuators}
+    out = {}
+    for name in names:
+        y = continuous(name, run.columns[name])
+        jumps = find_jumps(run.t, y, noise_sigma(run.t, y))
+        command = run.columns.get(drives.get(name, ""))
+        if command is not None and jumps.outlier.any():
+            pulses = spikes(run.t, command, 0.0)
+            following = np.convolve(pulses, np.ones(FOLLOWS + 1), "full")[: len(pulses)] > 0
+            jumps = replace(jumps, outlier=jumps.outlier & ~following)
+        out[name] = jumps
+    return out
 
 
 def _spikes(name: str, runs: Sequence[Run], found: Sequence[Mapping[str, Jumps]]) -> list[Finding]:
