@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.data.left_out import across
+from residual_mpc.diagnosis.phases.validate import _unknown_starts
 from residual_mpc.diagnosis.results.settings import AsideSettings
 from residual_mpc.diagnosis.results.unlike_the_rest import Unlike, joined_stretches, unlike_the_rest
 from residual_mpc.logs.run import Run
@@ -106,6 +109,15 @@ def test_a_diagnosis_finds_the_cause_of_all_else_and_names_the_stretch(tmp_path:
 
 def test_fits_see_no_such_stretch(data: Dataset) -> None:
     assert data.start[across(data, (KeptBack("r1", 7.0, 9.0),))].tolist() == pytest.approx([7.0, 8.0])
+
+
+def test_a_run_that_begins_with_a_stretch_has_an_unknown_past_if_none_of_it_is_held_out(data: Dataset) -> None:
+    for held, expected in ((("r0", 0.0), [False, True, False]), (("r1", 1.0), [False, False, False])):
+        names = np.array([data.runs[i].name for i in data.run])
+        mask = (names == held[0]) & (np.abs(data.start - held[1]) < 0.5)
+        of: Any = SimpleNamespace(raw=data, held=mask)
+        stretches = (KeptBack("r1", 0.0, 2.0), KeptBack("r2", 5.0, 7.0))
+        assert _unknown_starts(of, Unlike(stretches)).tolist() == expected
 
 
 def limited(name: str, seed: int, fast: bool) -> Run:

@@ -91,7 +91,7 @@ def validate(refined: Refined, rng: np.random.Generator, progress: Progress) -> 
         fresh = measure(judged, seen)
     gaps = measure(refined.explanation, longer, judged=fresh)
     odd, unlike = one_run(fresh or gaps), _unlike(fresh or gaps, settings)
-    unknown = _unknown_starts(gaps.of)
+    unknown = _unknown_starts(gaps.of, unlike)
     if unknown.any() and gaps.helps:
         measure = partial(measure, unknown_starts=unknown)
         fresh = None if fresh is None else measure(judged, seen)
@@ -130,10 +130,11 @@ def _unlike(gaps: ExplanationGaps, settings: ResultSettings) -> Unlike:
     return Unlike(stretches, float(np.nanmax(left[there])), float(np.nanmedian(left)), of.serving)
 
 
-def _unknown_starts(of: FittedExplanation) -> np.ndarray:
-    """(R,) bool: the runs that begin with a stretch that is unlike everything else in the windows that fits may see:
-    earlier commands may still act there."""
-    begins = [(k.run, k.start) for k in of.aside if k.start is not None]
+def _unknown_starts(of: FittedExplanation, unlike: Unlike) -> np.ndarray:
+    """(R,) bool: the runs that begin with a stretch that is unlike everything else: earlier commands may still act
+    there. What is held out does not tell."""
+    told = [k for k in unlike.stretches if not (across(of.raw, (k,)) & of.held).any()]
+    begins = [(k.run, k.start) for k in told if k.start is not None]
     return np.array([any(name == r.name and t <= r.t[0] + SLACK for name, t in begins) for r in of.raw.runs])
 
 
