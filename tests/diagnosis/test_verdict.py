@@ -174,8 +174,9 @@ def test_the_median_window_tells_what_a_few_windows_hide() -> None:
 
 @pytest.mark.parametrize(
     ("verdict", "times", "expected"),
-    [("effects", 1.5, 1.0), ("effects", 2.0, 1.0), ("effects", 2.5, 0.935 - 0.15 * np.log(1.25)),
-     ("effects", 4.0, 0.87 - 0.15 * np.log(2.0)), ("partial", 1.5, 0.87), ("partial", 4.0, 0.87 - 0.15 * np.log(2.0))],
+    [("effects", 1.6, 1.0), ("effects", 1.8, 0.935), ("effects", 2.0, 0.87),
+     ("effects", 2.5, 0.87 - 0.15 * np.log(1.25)), ("effects", 4.0, 0.87 - 0.15 * np.log(2.0)),
+     ("partial", 1.5, 0.87), ("partial", 4.0, 0.87 - 0.15 * np.log(2.0))],
 )  # fmt: skip
 def test_a_gap_that_is_small_but_above_the_noise_is_no_evidence(verdict: str, times: float, expected: float) -> None:
     settings = ResultSettings()

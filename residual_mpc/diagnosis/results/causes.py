@@ -193,7 +193,8 @@ def most_sure(
     all horizons; beats_forecast: the share that the explained model removes of a constant-velocity forecast's squared
     gap; standing: see `Support`."""
     tuned = settings.causes
-    beyond = float(np.clip(2.0 * (times_floor / AS_GOOD - 1.0), 0.0, 1.0)) if verdict == "effects" else 1.0
+    told = times_floor / AS_GOOD  # 1: as much as the sensors can tell from nothing
+    beyond = float(np.clip((told - tuned.nothing) / (1.0 - tuned.nothing), 0.0, 1.0)) if verdict == "effects" else 1.0
     most = 1.0 - (1.0 - tuned.most_partial) * beyond
     shadow = max(most - tuned.shadow * float(np.log(max(times_floor / AS_GOOD, 1.0))), tuned.least_sure)
     useful = max(min(beats_forecast / tuned.useful, 1.0), tuned.least_sure)

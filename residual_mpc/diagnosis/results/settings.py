@@ -18,7 +18,8 @@ class CauseSettings:
     exactly; an effect that predicts no more of the motion than that, beside another, may be what the other's law lacks;
     order: the share of a lag by which the lag and a dead time named with it may be wrong, since real motors
     are of second order. most_sure: the library may lack the cause, whatever the likelihoods say; most_partial: factor
-    where something is left that these sensors can tell; shadow: of the probability that is lost for each factor e by
+    where something is left that these sensors can tell; nothing: share of what they can tell, up to which a remainder
+    counts as nothing; shadow: of the probability that is lost for each factor e by
     which more is left than they can tell, down to the factor least_sure; standing_low, standing_high: of
     `Support.standing`, between which what is left lowers the probability by ever less; useful: the share of a
     constant-velocity forecast's squared gap below which the probability falls in proportion to what the explained model
@@ -39,6 +40,7 @@ class CauseSettings:
     order: float = 0.12
     most_sure: float = 0.97
     most_partial: float = 0.87
+    nothing: float = 0.8
     shadow: float = 0.15
     least_sure: float = 0.5
     standing_low: float = 10.0
@@ -58,9 +60,9 @@ class CauseSettings:
     telling: int = 3
 
     def __post_init__(self) -> None:
-        check_share(self, "form", "law", "order", "most_sure", "most_partial", "shadow", "least_sure", "useful",
-                    "coarse", "resting", "beside", "doubtful", "minor", "agree", "contributing",
-                    "unlikely", "little")  # fmt: skip
+        check_share(self, "form", "law", "order", "most_sure", "most_partial", "nothing", "shadow", "least_sure",
+                    "useful", "coarse", "resting", "beside", "doubtful", "minor", "agree", "contributing", "unlikely",
+                    "little")  # fmt: skip
         check_positive(self, "apart", "fewest_runs", "standing_low", "telling")
         if not self.standing_high > self.standing_low:
             raise ValueError(f"CauseSettings.standing_high must be > standing_low, got {self.standing_high}")
