@@ -44,7 +44,9 @@ def judged() -> tuple[Refined, Validated]:
     return refined, validate(refined, rng, quiet)
 
 
-def left(monkeypatch: pytest.MonkeyPatch, found: Mapping[Term, float], little: float = 0.05) -> Any:
+def left(
+    monkeypatch: pytest.MonkeyPatch, found: Mapping[Term, float], little: float = 0.05, rises: float = 9.0
+) -> Any:
     """The explanation without what these probabilities make unlikely, and what was tried."""
     refined, validated = judged()
     tried: list[Sequence[Term]] = []
@@ -58,7 +60,7 @@ def left(monkeypatch: pytest.MonkeyPatch, found: Mapping[Term, float], little: f
 
     monkeypatch.setattr(unlikely, "refined_without", less)
     monkeypatch.setattr(unlikely, "_unlikely", present)
-    causes = replace(ResultSettings().causes, little=little)
+    causes = replace(ResultSettings().causes, little=little, rises=rises)
     options = replace(validated.options, settings=replace(ResultSettings(), causes=causes))
     now = unlikely.without_unlikely(refined, replace(validated, options=options), np.random.default_rng(1), quiet)
     return *now, tried
@@ -88,6 +90,13 @@ def test_a_small_one_that_is_unlikely_is_left_out(monkeypatch: pytest.MonkeyPatc
 def test_one_that_explains_much_stays_however_unlikely(monkeypatch: pytest.MonkeyPatch) -> None:
     refined, validated, tried = left(monkeypatch, {LAG: 0.1})
     assert tried == [(LAG,)] and (refined, validated.explanation) == (judged()[0], judged()[1].explanation)
+
+
+@pytest.mark.parametrize(("little", "rises"), [(1e-4, 9.0), (0.05, 1.01)])
+def test_the_gap_may_hardly_rise(monkeypatch: pytest.MonkeyPatch, little: float, rises: float) -> None:
+    """Neither beside what it was before any effect nor beside what these left."""
+    _, validated, tried = left(monkeypatch, {TRACK: 0.2}, little, rises)
+    assert tried == [(TRACK,)] and validated.explanation is judged()[1].explanation
 
 
 def test_without_all_of_them_or_else_without_the_least_likely(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -68,20 +68,19 @@ def _unlikely(validated: Validated) -> dict[Term, float]:
 
 
 def _as_good(was: Validated, now: Validated, settings: ResultSettings) -> bool:
-    """Whether an explanation does as well with fewer effects: its verdict is the same, and over each horizon the
-    squared gap rises by a small share of its initial excess over the floor."""
+    """Whether an explanation does as well with fewer effects: its verdict is the same, and the gap over each horizon
+    hardly rises."""
     if now.verdict != was.verdict or not now.gaps.helps:
         return False
     before, after = ({x.horizon: x for x in deciding(v.judged.looks)} for v in (was, now))
-    return before.keys() == after.keys() and all(
-        _rise(x, after[h]) <= settings.causes.little for h, x in before.items()
-    )
+    return before.keys() == after.keys() and all(_hardly_rises(x, after[h], settings) for h, x in before.items())
 
 
-def _rise(was: HorizonGaps, now: HorizonGaps) -> float:
-    """Of the squared gap over one horizon, as a share of its initial excess over the floor, or of the squared floor if
-    that is more. Without a memory in the explanation, the first windows of a run with an unknown past count as well."""
-    same = was.unjudged == now.unjudged
+def _hardly_rises(was: HorizonGaps, now: HorizonGaps, settings: ResultSettings) -> bool:
+    """Whether the squared gap over one horizon rises by a small share of its initial excess over the floor (of the
+    squared floor, if that is more), and the gap by a small share of itself. Without a memory in the explanation, the
+    first windows of a run with an unknown past count as well."""
+    same, tuned = was.unjudged == now.unjudged, settings.causes
     left, more = (x.steady.total if same else x.after.total for x in (was, now))
-    excess = max(was.before.total**2 - was.floor.total**2, was.floor.total**2, 1e-12)
-    return float((more**2 - left**2) / excess)
+    excess = max(was.before.total**2 - was.floor.total**2, was.floor.total**2)
+    return more**2 - left**2 <= tuned.little * excess and more <= tuned.rises * left

@@ -32,8 +32,8 @@ class CauseSettings:
     half-widths beyond which an interval is that wide since two fits end apart. fewest_runs: from which their
     disagreement widens intervals; agree: how often runs that agree do so too; contributing: share of the runs that a
     number has to depend on for that. unlikely: probability before it is shared among rivals, below which an effect is
-    left out if the squared gap then rises by at most the share `little` of its initial excess over the floor; telling:
-    members of the largest group that still tells what is there."""
+    left out if the squared gap then rises by at most the share `little` of its initial excess over the floor, and the
+    gap to at most `rises` times what it was; telling: members of the largest group that still tells what is there."""
 
     form: float = 0.5
     law: float = 0.03
@@ -57,13 +57,14 @@ class CauseSettings:
     contributing: float = 0.35
     unlikely: float = 0.3
     little: float = 0.01
+    rises: float = 1.2
     telling: int = 3
 
     def __post_init__(self) -> None:
         check_share(self, "form", "law", "order", "most_sure", "most_partial", "nothing", "shadow", "least_sure",
                     "useful", "coarse", "resting", "beside", "doubtful", "minor", "agree", "contributing", "unlikely",
                     "little")  # fmt: skip
-        check_positive(self, "apart", "fewest_runs", "standing_low", "telling")
+        check_positive(self, "apart", "fewest_runs", "standing_low", "telling", "rises")
         if not self.standing_high > self.standing_low:
             raise ValueError(f"CauseSettings.standing_high must be > standing_low, got {self.standing_high}")
 
