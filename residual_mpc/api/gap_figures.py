@@ -14,13 +14,12 @@ from residual_mpc.diagnosis.data.left_out import telling
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise
 from residual_mpc.diagnosis.data.outliers import find_outliers, with_outliers_removed
 from residual_mpc.diagnosis.data.stale import any_slow, without_repeats
-from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, stated_sizes
+from residual_mpc.diagnosis.fit.noise_left import noise_left
 from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.candidates import build_space
 from residual_mpc.diagnosis.predict.horizons import FORETOLD, full_windows, longer_horizons
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.noise_floor import floor_from
-from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.document import finite
 from residual_mpc.diagnosis.results.quantiles import quantiles
@@ -104,13 +103,12 @@ def explaining(model: Written | None, robot: Robot) -> Explaining:
 def _noise_of(data: Dataset, headline: Dataset, model: Explaining, tuning: FitSettings) -> tuple[ChannelNoise, ...]:
     """The noise that the model leaves, no more than there is at the headline's horizon."""
     seen, settings = as_seen(data, model, tuning)
-    problem = build_problem(seen, build_space(data, ()), seen.sigma, settings=tuning.predict)
-    noise = fit_noise(problem, measure_scales(data), predict(seen, settings)[0], settings=tuning)
-    return stated_sizes(
-        seen,
-        no_more_than_left(
-            noise, as_seen(headline, model, tuning)[0], measure_scales(headline), settings, settings=tuning
-        ),
+    return noise_left(
+        (as_seen(headline, model, tuning)[0], measure_scales(headline)),
+        (seen, measure_scales(data)),
+        build_space(data, ()),
+        settings,
+        settings=tuning,
     )
 
 

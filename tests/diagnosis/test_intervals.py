@@ -235,6 +235,16 @@ def test_an_interval_ends_at_the_bound_of_what_is_possible() -> None:
     assert found.ci95[0] == low
 
 
+@pytest.mark.parametrize(("delay", "low"), [(0.01, 0.0), (-0.01, -0.05)])
+def test_the_interval_of_a_delay_is_negative_only_where_the_delay_is(delay: float, low: float) -> None:
+    """A log may hold fewer commands than were sent, and only then do they act before their stamps."""
+    columns = {DELAY: 1e4 * COLUMNS[GAIN]}
+    problem = Linear(DATA, SPACE, columns, {DELAY: delay}, white(DATA, np.random.default_rng(6)))
+    of = explained(problem, fitted(problem, {DELAY: delay}), ends={DELAY: (delay, low - 1.0)})
+    found = estimates(of)["delay"]
+    assert np.sign(found.value) == np.sign(delay) and found.ci95[0] == pytest.approx(low)
+
+
 def test_a_number_on_its_bound_has_the_interval_of_its_curvature() -> None:
     _, high = SPACE.bounds(GAIN)
     truth = {SCALE: 1.2, GAIN: high + 0.1}

@@ -67,6 +67,12 @@ def test_who_chooses_does_not_judge(remainder):
     assert learn(remainder, (Fake("worse in the end", 0.5, 1.5),), rng).shrink == 0.0
 
 
+def test_a_learner_that_removes_no_more_than_rounding_has_learned_nothing(remainder):
+    """A network whose outputs are all switched off leaves the error of another call of the same model."""
+    nothing = Fake("nothing", 1.0 - 4e-16, 1.0 - 4e-16)
+    assert learn(remainder, (nothing,), np.random.default_rng(0)) == Learned(0.0, None, ("nothing",))
+
+
 def test_a_learner_that_runs_away_is_not_chosen(remainder):
     assert learn(remainder, (Fake("lost", 0.5, np.nan),), np.random.default_rng(0)) == Learned(0.0, None, ("lost",))
 

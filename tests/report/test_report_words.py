@@ -408,6 +408,18 @@ def test_a_group_says_which_member_is_clearly_likelier_than_the_named_one(group,
     assert found == group_sentence(group)[:-1] + end
 
 
+def test_a_group_says_every_member_that_is_clearly_likelier():
+    """Two that are as likely as each other are both said: the headline says "or rather" of both."""
+    group = [DELAY, GAIN, RATIO]
+    candidates = [{**member, "probability": p} for member, p in zip(group, (0.08, 0.3, 0.3), strict=True)]
+    document = {"explanation": [DELAY | {"probability": 0.08}], "candidates": candidates, "confounded": [group]}
+    end = "; actuator gain (right) (0.30) and wheel radius mismatch (0.30) are likelier."
+    assert group_sentence(group, document) == group_sentence(group)[:-1] + end
+    assert or_else(document["explanation"][0], document) == (
+        "or rather actuator gain of right or rather wheel radius mismatch"
+    )
+
+
 @pytest.mark.parametrize(
     ("group", "probabilities", "said"),
     [

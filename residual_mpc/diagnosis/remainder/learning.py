@@ -55,6 +55,7 @@ class Learned:
 
 
 NOTHING = Learned()  # nobody was asked
+ROUNDING = 1e-9  # of the gap: a learner that removes no more has left the error as it was, but for its rounding
 
 
 def remainder_of(
@@ -89,7 +90,9 @@ def learn(of: Remainder, learners: Sequence[Learner], rng: np.random.Generator) 
             tried.append(learner.name)
             if np.isfinite(found[asked][measured]).all():  # it did not run away
                 left[learner.name] = found
-    by = min(left, key=lambda name: gap_of(of.data, of.scales, left[name], of.choose).total)
+    chooses = {name: gap_of(of.data, of.scales, e, of.choose).total for name, e in left.items()}
+    best = min(chooses, key=lambda name: chooses[name])
+    by = best if chooses[best] < (1.0 - ROUNDING) * chooses[None] else None
     before, after = (gap_of(of.data, of.scales, left[name], of.judge).total for name in (None, by))
     return Learned(max(1.0 - after / before, 0.0) if before > 0.0 else 0.0, by, tuple(tried))
 

@@ -11,7 +11,7 @@ from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of, per_window, win
 from residual_mpc.diagnosis.data.left_out import across
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise
 from residual_mpc.diagnosis.data.unknown_past import has_memory, runs_with_unknown_past, soon_after_unknown_past
-from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, stated_sizes
+from residual_mpc.diagnosis.fit.noise_left import noise_left
 from residual_mpc.diagnosis.predict.horizons import FORETOLD, HorizonWindows
 from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
@@ -23,7 +23,6 @@ from residual_mpc.diagnosis.predict.noise_floor import (
     floor_of,
     floor_under,
 )
-from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.step_error import step_error
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
@@ -241,12 +240,9 @@ def _noise(
 ) -> tuple[ChannelNoise, ...]:
     """The noise that the model leaves on the windows that fits may see: of the next longer horizon, where there is one,
     since slow noise does not show in short windows, and no more than there is in short ones."""
-    headline = of.clean.take(of.free)
     free = [look.free for look in longer if look.free is not None]
-    data, scales = free[0] if free else (headline, of.scales)
-    problem = build_problem(data, of.space, data.sigma, settings=settings.predict)
-    noise = fit_noise(problem, scales, predict(data, row)[0], settings=settings.fit)
-    return stated_sizes(data, no_more_than_left(noise, headline, of.scales, row, settings=settings.fit))
+    headline = (of.clean.take(of.free), of.scales)
+    return noise_left(headline, free[0] if free else None, of.space, row, settings=settings.fit)
 
 
 def _look(

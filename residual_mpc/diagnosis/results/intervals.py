@@ -147,6 +147,8 @@ def _estimate(
     value = final.values[knob]
     unit = unit_of(space.robot, knob.term, BY_NAME[knob.effect].parameter(knob.parameter).unit)
     low, high = space.bounds(knob)
+    if quantity_of(knob) == "command delay" and value >= 0.0:
+        low = 0.0  # only a log can make a delay negative, and this one does not
     ends = of.ends.get(knob, (value,))
     if knob.parameter in ANGLES:
         value, low, high, ends, aside, others = (

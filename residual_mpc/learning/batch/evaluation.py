@@ -29,15 +29,19 @@ class Evaluation:
 
     def error(self, residual: Residual | None) -> np.ndarray:
         """(W, M, C) measured - predicted."""
-        data = self.data
-        if residual is not None and residual.acts:
-            made = with_residual([b.robot for b in data.blocks], residual)
-            blocks = tuple(replace(b, robot=m) for b, m in zip(data.blocks, made, strict=True))
-            data = replace(data, blocks=blocks)
+        data = with_learned(self.data, residual)
         return np.asarray(data.y - predict(data, self.settings)[0])
 
     def gap(self, residual: Residual | None, windows: np.ndarray) -> Gap:
         return gap_of(self.data, self.scales, self.error(residual), windows)
+
+
+def with_learned(data: Dataset, residual: Residual | None) -> Dataset:
+    """The data with the residual in the models, where it acts."""
+    if residual is None or not residual.acts:
+        return data
+    made = with_residual([b.robot for b in data.blocks], residual)
+    return replace(data, blocks=tuple(replace(b, robot=m) for b, m in zip(data.blocks, made, strict=True)))
 
 
 def build_evaluation(

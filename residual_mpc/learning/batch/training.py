@@ -11,7 +11,7 @@ from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import Gap, per_window
 from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held_out_mask
 from residual_mpc.diagnosis.data.left_out import unfit
-from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond, floor_of
+from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond
 from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.errors import BadInput
 from residual_mpc.learning.batch import checkpoint as disk
@@ -24,6 +24,7 @@ from residual_mpc.learning.batch.evaluation import (
     without_harmful_outputs,
     without_outliers,
 )
+from residual_mpc.learning.batch.stated_floor import stated_floor
 from residual_mpc.learning.batch.training_problem import TrainingProblem
 from residual_mpc.learning.batch.window_linearisation import h2_of
 from residual_mpc.learning.batch.window_updates import (
@@ -182,7 +183,7 @@ def _train(
         trail.update_ms,
         before,
         after,
-        floor_of(final.data.take(last), final.scales, effects, rng, PredictSettings()),
+        stated_floor(final, seen[:3], whole, held, kept, flagged, rng),
         spared_of_them,
         evaluation.data.channels,
         kept,

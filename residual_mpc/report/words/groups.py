@@ -44,12 +44,12 @@ def _is_on_all(member: Member) -> bool:
 
 def group_sentence(group: Sequence[Member], document: Mapping[str, Any] | None = None) -> str:
     """ "On these runs command delay and sensor delay cannot be told apart; one of them is present (probability 0.97).";
-    document: the diagnosis.json, for the probability of the group, and of a member that is clearly likelier than the
-    one that stands in the explanation."""
+    document: the diagnosis.json, for the probability of the group, and of the members that are clearly likelier than
+    the one that stands in the explanation."""
     text = f"On these runs {listed(member_names(group))} cannot be told apart"
-    likelier = None if document is None else _likelier(group, document)
-    if likelier is not None:
-        return f"{text}; {likelier} is likelier."
+    likelier = [] if document is None else _likelier(group, document)
+    if likelier:
+        return f"{text}; {listed(likelier)} {'is' if len(likelier) == 1 else 'are'} likelier."
     likely = None if document is None else together(group, document)
     return f"{text}." if likely is None else f"{text}; one of them is present (probability {likely:.2f})."
 
@@ -113,19 +113,18 @@ def _includes(one: tuple[str, str | None], other: tuple[str, str | None]) -> boo
     return simple or (one[0] == other[0] and one[1] is None and other[1] is not None)
 
 
-def _likelier(group: Sequence[Member], document: Mapping[str, Any]) -> str | None:
-    """The likeliest member and its probability, where that is `LIKELIER` times that of the named member; None where it
-    is not, or the group has members whose own probability is not known, such as pairs."""
+def _likelier(group: Sequence[Member], document: Mapping[str, Any]) -> list[str]:
+    """The members, with their probabilities, that have more than `LIKELIER` times that of the named member, in the
+    group's order; none where the group has members whose own probability is not known, such as pairs."""
     probability = _probabilities(document)
     named = {(e["effect"], e.get("target")) for e in document.get("explanation") or ()}
     known = {}
     for member in group:
         (first, *more) = ((e["effect"], e.get("target")) for e in effects_of(member))
         if more or first not in probability:
-            return None
+            return []
         known[first] = (probability[first], member_name(member))
     here = [known[key] for key in known if key in named]
     if len(here) != 1:
-        return None
-    best, name_of_best = max(known.values())
-    return f"{name_of_best} ({best:.2f})" if best > LIKELIER * here[0][0] else None
+        return []
+    return [f"{said} ({own:.2f})" for own, said in known.values() if own > LIKELIER * here[0][0]]
