@@ -60,7 +60,7 @@ def left(
 
     monkeypatch.setattr(unlikely, "refined_without", less)
     monkeypatch.setattr(unlikely, "_unlikely", present)
-    causes = replace(ResultSettings().causes, little=little, rises=rises)
+    causes = replace(ResultSettings().causes, little=little, rises=rises, nothing=0.5)
     options = replace(validated.options, settings=replace(ResultSettings(), causes=causes))
     now = unlikely.without_unlikely(refined, replace(validated, options=options), np.random.default_rng(1), quiet)
     return *now, tried

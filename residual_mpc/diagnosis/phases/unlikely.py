@@ -13,6 +13,7 @@ from residual_mpc.diagnosis.options import Progress
 from residual_mpc.diagnosis.phases.certainty import certainty_of
 from residual_mpc.diagnosis.phases.refine import Refined, refined_without
 from residual_mpc.diagnosis.phases.validate import Validated, validate
+from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD
 from residual_mpc.diagnosis.results.causes import doubts_by_numbers
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.verdict import HorizonGaps, deciding
@@ -78,9 +79,10 @@ def _as_good(was: Validated, now: Validated, settings: ResultSettings) -> bool:
 
 def _hardly_rises(was: HorizonGaps, now: HorizonGaps, settings: ResultSettings) -> bool:
     """Whether the squared gap over one horizon rises by a small share of its initial excess over the floor (of the
-    squared floor, if that is more), and the gap by a small share of itself. Without a memory in the explanation, the
-    first windows of a run with an unknown past count as well."""
+    squared floor, if that is more), and the gap by a small share of itself or to what counts as nothing. Without a
+    memory in the explanation, the first windows of a run with an unknown past count as well."""
     same, tuned = was.unjudged == now.unjudged, settings.causes
     left, more = (x.steady.total if same else x.after.total for x in (was, now))
     excess = max(was.before.total**2 - was.floor.total**2, was.floor.total**2)
-    return more**2 - left**2 <= tuned.little * excess and more <= tuned.rises * left
+    enough = max(tuned.rises * left, tuned.nothing * AS_GOOD * was.floor.total)
+    return more**2 - left**2 <= tuned.little * excess and more <= enough
