@@ -58,7 +58,7 @@ def test_it_is_named_with_amplitude_and_phase(tmp_path: Path) -> None:
     found = rm.diagnose(robot, runs, only=only).document
     (named,) = found["explanation"]
     assert (named["effect"], named["target"]) == ("encoder_eccentricity", CHANNEL)
-    assert found["verdict"] == "effects" and named["probability"] > 0.8
+    assert found["verdict"] == "effects" and named["probability"] > 0.84
     for name, true in (("amplitude", AMPLITUDE), ("phase", PHASE)):
         low, high = named["parameters"][name]["ci95"]
         assert low <= true <= high and high - low < 0.3

@@ -112,7 +112,7 @@ def test_nothing_is_tried_where_all_are_likely() -> None:
     assert rng.random() == np.random.default_rng(2).random()
 
 
-def test_a_place_that_many_could_take_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_place_that_many_could_take_says_nothing() -> None:
     """Of a group of three, the place counts; of a larger one, the effect that is named."""
     _, validated = judged()
     others = [Term(name, None) for name in ("wheel_radius", "sensor_delay", "clock_skew")]

@@ -35,9 +35,10 @@ class OneStep:
         return self.batch.bind("qpos"), self.batch.bind("qvel"), self.batch.bind("ctrl")
 
     @cached_property
-    def _driven(self) -> tuple[np.ndarray, np.ndarray]:
-        """(nu,) places of the actuators' joints among the positions, and their gear ratios."""
-        return self.robot.places[self.robot.driven], self.robot.model.actuator_gear[:, 0].copy()
+    def _driven(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(nu,) places of the actuators' joints among the positions and among the velocities, and their gear ratios."""
+        robot = self.robot
+        return robot.places[robot.driven], robot.dofs[robot.driven], robot.model.actuator_gear[:, 0].copy()
 
     def __call__(self, k: int, u: np.ndarray, force: np.ndarray) -> None:
         """Step number k under commands u (B, nu) that have gone through the chain; force (B, nu): the last step's."""
@@ -45,10 +46,10 @@ class OneStep:
         q, v, ctrl = self._state
         ctrl[:] = u
         if self.errors or self.integrals is not None:
-            places, gear = self._driven
+            places, dofs, gear = self._driven
             length = gear * (q[:, places] if self.servos is None else self.servos.seen(robot, q))
             if self.integrals is not None:
-                u = self.integrals.through(k, u, length, gear * v[:, robot.dofs[robot.driven]], self.dt)
+                u = self.integrals.through(k, u, length, gear * v[:, dofs], self.dt)
                 ctrl[:] = u
             error = u - length
             for effect, p in self.errors:

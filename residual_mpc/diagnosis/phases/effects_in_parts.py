@@ -157,7 +157,7 @@ def _absent(prepared: Prepared, values: Values, part: Part, settings: PartSettin
         left += [window_errors(rest, prepared.scales, y) for y in predicted]
     sums = [float(x.sum()) for x in left]
     least = min(sums)
-    # an effect that hardly acts in the rest is not called absent: the smallest of the sets that do as well
+    # the smallest set that does about as well: an effect that hardly acts in the rest is then not called absent
     best = min((k for k, s in enumerate(sums) if s <= settings.as_good * least), key=lambda k: (len(sets[k]), sums[k]))
     fewer = better(rest, left[best], left[0], settings, prepared.options.settings.fit)
     return tuple(t for t in terms if t in sets[best]) if fewer else ()

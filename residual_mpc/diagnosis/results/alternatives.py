@@ -50,11 +50,11 @@ def candidates(
 def rival_sets(rivalry: Rivalry, gone: Collection[Term] = ()) -> tuple[RivalSet, ...]:
     """The best few sets as wholes, the chosen one among them, with the share of the likelihood that each holds. Members
     of several groups stand in any combination, with the product of their weights. gone: effects that are left out of
-    all of them."""
-
+    all of them, with the others of their groups: the search may have found another member."""
     lost = set(gone)
-    for r in (r for r in rivalry.rivals if r.alike):  # the search may have found another member of a group
-        lost |= {*r.gone, *r.came} if lost & {*r.gone, *r.came} else set()
+    for members in ({*r.gone, *r.came} for r in rivalry.rivals if r.alike):
+        if lost & members:
+            lost |= members
 
     def less(terms: EffectSet) -> EffectSet:
         return tuple(t for t in terms if t not in lost)
